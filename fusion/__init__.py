@@ -1,0 +1,1 @@
+"""From position and normal maps back to a mesh."""

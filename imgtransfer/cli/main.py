@@ -1,0 +1,49 @@
+"""The `imgtransfer` command: finds the subcommand, turns a user's mistake into one line."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from render import InputError
+
+# One module a command. Each has `add_parser(subparsers) -> ArgumentParser` and `run(args) -> None`, and imports
+# what is heavy inside `run`, so that `--help` is instant.
+COMMANDS = ("simulate", "train", "predict", "fuse", "evaluate", "render", "inspect", "export", "import_", "doctor")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands; the parsed namespace has `run`, the function to call with it."""
+    parser = argparse.ArgumentParser(
+        prog="imgtransfer",
+        description="Deform garments without skinning: body and garment as images, a transfer network, a fusion.",
+    )
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        module = importlib.import_module(f"imgtransfer.cli.{name}")
+        module.add_parser(subparsers).set_defaults(run=module.run)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command. Exit status: 0 done, 2 input that the user can mend, 130 stopped with Ctrl-C."""
+    args = build_parser().parse_args(argv)
+    try:
+        args.run(args)
+    except InputError as error:
+        print(f"imgtransfer: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("imgtransfer: stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # `imgtransfer inspect ... | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""The canonical frame: the root joint's global motion taken out before maps are made, and put back at the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from imgtransfer.data.clip import Clip
+
+RootMode = Literal["root", "heading"]
+
+
+@dataclass(frozen=True, eq=False)
+class RootFrames:
+    """Rigid frames of a clip: canonical x' = Rᵀ(x − t), world x = R x' + t.
+
+    The translation is chosen so that the rest pose maps onto itself: with a root joint that rests at r and stands
+    at p, t = p − R r. Canonical meshes therefore lie where the template and the rest body lie.
+
+    Args:
+        rotation: (T, 3, 3) float64.
+        translation: (T, 3) float64, metres.
+    """
+
+    rotation: np.ndarray
+    translation: np.ndarray
+
+    def to_canonical(self, points: np.ndarray) -> np.ndarray:
+        """(T, N, 3) world -> (T, N, 3) canonical, float32."""
+        return np.einsum("tba,tnb->tna", self.rotation, points - self.translation[:, None]).astype(np.float32)
+
+    def to_world(self, points: np.ndarray) -> np.ndarray:
+        """(T, N, 3) canonical -> (T, N, 3) world, float32."""
+        return (np.einsum("tab,tnb->tna", self.rotation, points) + self.translation[:, None]).astype(np.float32)
+
+
+def root_frames(clip: Clip, mode: RootMode) -> RootFrames:
+    """The frames that `mode` removes: "root" the whole root rotation (section 4.2 of the paper), "heading" only its
+    turn about the vertical, so that gravity keeps its direction.
+
+    A clip without poses gets its root motion from the best rigid fit of the rest body to each frame (Kabsch).
+    """
+    if clip.poses is not None and clip.trans is not None:
+        rotation = Rotation.from_rotvec(clip.poses[:, 0].astype(np.float64)).as_matrix()
+        rest = clip.joints_rest[0].astype(np.float64) if clip.joints_rest is not None else np.zeros(3)
+        root = rest + clip.trans.astype(np.float64)
+    else:
+        rest = clip.body_rest.astype(np.float64).mean(0)
+        rotation = np.stack([_rigid_fit(clip.body_rest, frame) for frame in clip.body_vertices])
+        root = clip.body_vertices.astype(np.float64).mean(1)
+    if mode == "heading":
+        rotation = heading(rotation)
+    return RootFrames(rotation, root - rotation @ rest)
+
+
+def heading(rotation: np.ndarray) -> np.ndarray:
+    """(T, 3, 3) -> (T, 3, 3): the part of each rotation that turns about +y (swing-twist decomposition).
+
+    It stays defined when the body lies or bends until it faces the floor; only a root that hangs exactly upside
+    down has no heading, and then the identity is returned.
+    """
+    quaternion = Rotation.from_matrix(rotation).as_quat()  # x, y, z, w
+    yaw = 2 * np.arctan2(quaternion[:, 1], quaternion[:, 3])
+    return Rotation.from_rotvec(yaw[:, None] * [0.0, 1.0, 0.0]).as_matrix()
+
+
+def _rigid_fit(rest: np.ndarray, posed: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation that best carries `rest` (B, 3) onto `posed` (B, 3) about their means (Kabsch 1976)."""
+    covariance = (posed - posed.mean(0)).astype(np.float64).T @ (rest - rest.mean(0)).astype(np.float64)
+    u, _, vt = np.linalg.svd(covariance)
+    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt

@@ -1,0 +1,141 @@
+"""One clip: a garment template, a body and how both move. The exchange format for anyone's data."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from render import InputError
+from render.files import written_whole
+from render.mesh import check_faces, check_finite
+
+REQUIRED = ("template_vertices", "garment_faces", "garment_vertices", "body_rest", "body_faces", "body_vertices", "fps")
+SKINNING = ("poses", "trans", "joints_rest", "parents", "blend_weights", "joint_transforms")
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Arrays of one clip, in world coordinates: metres, y up, the body faces +z in its rest pose.
+
+    Args:
+        template_vertices: (N, 3) float32, the garment in the body's rest pose.
+        garment_faces: (F, 3) int, counter-clockwise from outside.
+        garment_vertices: (T, N, 3) float32; None where only the body is known (something to predict for).
+        body_rest: (B, 3) float32, the body in its rest pose, in the template's frame.
+        body_faces: (G, 3) int.
+        body_vertices: (T, B, 3) float32.
+        fps: frames a second.
+        poses: (T, J, 3) axis-angle of the SMPL joints, local; joint 0 is the global orientation.
+        trans: (T, 3); the root joint is at `joints_rest[0] + trans` (the SMPL convention).
+        joints_rest: (J', 3) rest positions; J' may be 1 where only the root is known.
+        parents: (J',) int, parent of each joint, -1 for the root.
+        blend_weights: (B, K) linear blend skinning weights of the body's vertices.
+        joint_transforms: (T, K, 3, 4) rest-to-posed transforms that belong to `blend_weights`; where it is None,
+            K = J and they follow from poses, trans, joints_rest and parents.
+        info: free text such as source, licence and units, by name.
+        name: what messages and tables call it.
+    """
+
+    template_vertices: np.ndarray
+    garment_faces: np.ndarray
+    garment_vertices: np.ndarray | None
+    body_rest: np.ndarray
+    body_faces: np.ndarray
+    body_vertices: np.ndarray
+    fps: float
+    poses: np.ndarray | None = None
+    trans: np.ndarray | None = None
+    joints_rest: np.ndarray | None = None
+    parents: np.ndarray | None = None
+    blend_weights: np.ndarray | None = None
+    joint_transforms: np.ndarray | None = None
+    info: dict[str, str] = field(default_factory=dict)
+    name: str = "clip"
+
+    def __post_init__(self) -> None:
+        self._check_shapes()
+        check_faces(self.garment_faces, len(self.template_vertices), f"{self.name}: garment_faces")
+        check_faces(self.body_faces, len(self.body_rest), f"{self.name}: body_faces")
+        for key in ("template_vertices", "garment_vertices", "body_rest", "body_vertices", "poses", "trans"):
+            if getattr(self, key) is not None:
+                check_finite(getattr(self, key), f"{self.name}: {key}")
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise InputError(f"{self.name}: fps is {self.fps}; a positive number of frames a second expected")
+
+    def _check_shapes(self) -> None:
+        frames = len(self.body_vertices)
+        if frames == 0:
+            raise InputError(f"{self.name}: body_vertices has no frames")
+        wanted: dict[str, tuple[int | None, ...]] = {
+            "template_vertices": (None, 3),
+            "garment_vertices": (frames, len(self.template_vertices), 3),
+            "body_rest": (None, 3),
+            "body_vertices": (frames, len(self.body_rest), 3),
+            "poses": (frames, None, 3),
+            "trans": (frames, 3),
+            "joints_rest": (None, 3),
+            "parents": (None,),
+            "blend_weights": (len(self.body_rest), None),
+            "joint_transforms": (frames, None, 3, 4),
+        }
+        for key, shape in wanted.items():
+            value = getattr(self, key)
+            if value is None:
+                continue
+            if value.ndim != len(shape) or any(w not in (None, n) for n, w in zip(value.shape, shape, strict=True)):
+                expected = "(" + ", ".join("any" if w is None else str(w) for w in shape) + ")"
+                raise InputError(f"{self.name}: {key} must have shape {expected}, found {value.shape}")
+
+    @property
+    def n_frames(self) -> int:
+        return len(self.body_vertices)
+
+    def slice(self, frames: slice) -> Clip:
+        """The same clip with only the frames of `frames`."""
+        per_frame = ("garment_vertices", "body_vertices", "poses", "trans", "joint_transforms")
+        cut = {key: getattr(self, key)[frames] for key in per_frame if getattr(self, key) is not None}
+        return replace(self, **cut)
+
+    def with_garment(self, vertices: np.ndarray) -> Clip:
+        """The same clip with other garment vertices, (T, N, 3): a prediction in place of the truth."""
+        return replace(self, garment_vertices=np.asarray(vertices, np.float32))
+
+
+def load_clip(path: str | Path) -> Clip:
+    """Read a clip npz (never unpickling).
+
+    Raises:
+        InputError: the file is missing, is no npz, lacks a required array, or holds arrays that do not fit.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; a clip npz is wanted (keys: {', '.join(REQUIRED)})")
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {key: stored[key] for key in stored.files}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
+    missing = [key for key in REQUIRED if key not in arrays and key != "garment_vertices"]
+    if missing:
+        raise InputError(f"{path}: lacks {', '.join(missing)}; a clip npz holds {', '.join(REQUIRED)}")
+    info = {key: str(value) for key, value in arrays.items() if value.dtype.kind == "U" and value.ndim == 0}
+    fps = arrays["fps"]
+    if fps.size != 1 or fps.dtype.kind not in "fiu":
+        raise InputError(f"{path}: fps must be one number, found {fps.dtype} of shape {fps.shape}")
+    return Clip(
+        **{key: arrays.get(key) for key in (*REQUIRED[:-1], *SKINNING)},  # type: ignore[arg-type]
+        fps=float(fps.reshape(())),
+        info=info,
+        name=path.stem,
+    )
+
+
+def save_clip(path: str | Path, clip: Clip) -> Path:
+    """Write a clip npz; the file appears whole or not at all."""
+    arrays = {key: getattr(clip, key) for key in (*REQUIRED[:-1], *SKINNING) if getattr(clip, key) is not None}
+    with written_whole(Path(path)) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays, fps=np.float64(clip.fps), **{k: np.str_(v) for k, v in clip.info.items()})
+    return Path(path)
