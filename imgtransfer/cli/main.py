@@ -10,9 +10,20 @@ from collections.abc import Sequence
 
 from render import InputError
 
-# One module a command. Each has `add_parser(subparsers) -> ArgumentParser` and `run(args) -> None`, and imports
-# what is heavy inside `run`, so that `--help` is instant.
-COMMANDS = ("simulate", "train", "predict", "fuse", "evaluate", "render", "inspect", "export", "import_", "doctor")
+# One module a command. Each has `add_parser(subparsers) -> ArgumentParser` and `run(args) -> None`, and
+# imports what is heavy inside `run`, so that `--help` is instant.
+COMMANDS = (
+    "simulate",
+    "train",
+    "predict",
+    "fuse",
+    "evaluate",
+    "render",
+    "inspect",
+    "export",
+    "import_",
+    "doctor",
+)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -29,7 +40,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command. Exit status: 0 done, 2 input that the user can mend, 130 stopped with Ctrl-C."""
+    """Run one command. Exit status: 0 done, 2 input that the user can mend, 130 Ctrl-C."""
     args = build_parser().parse_args(argv)
     try:
         args.run(args)

@@ -1,4 +1,4 @@
-"""The canonical frame: the root joint's global motion taken out before maps are made, and put back at the end."""
+"""The canonical frame: the root joint's motion taken out before maps are made, and put back at the end."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ RootMode = Literal["root", "heading"]
 class RootFrames:
     """Rigid frames of a clip: canonical x' = Rᵀ(x − t), world x = R x' + t.
 
-    The translation is chosen so that the rest pose maps onto itself: with a root joint that rests at r and stands
-    at p, t = p − R r. Canonical meshes therefore lie where the template and the rest body lie.
+    The translation is chosen so that the rest pose maps onto itself: with a root joint that rests at r and
+    stands at p, t = p − R r. Canonical meshes therefore lie where the template and the rest body lie.
 
     Args:
         rotation: (T, 3, 3) float64.
@@ -34,12 +34,13 @@ class RootFrames:
 
     def to_world(self, points: np.ndarray) -> np.ndarray:
         """(T, N, 3) canonical -> (T, N, 3) world, float32."""
-        return (np.einsum("tab,tnb->tna", self.rotation, points) + self.translation[:, None]).astype(np.float32)
+        turned = np.einsum("tab,tnb->tna", self.rotation, points)
+        return (turned + self.translation[:, None]).astype(np.float32)
 
 
 def root_frames(clip: Clip, mode: RootMode) -> RootFrames:
-    """The frames that `mode` removes: "root" the whole root rotation (section 4.2 of the paper), "heading" only its
-    turn about the vertical, so that gravity keeps its direction.
+    """The frames that `mode` removes: "root" the whole root rotation (section 4.2 of the paper), "heading" only
+    its turn about the vertical, so that gravity keeps its direction.
 
     A clip without poses gets its root motion from the best rigid fit of the rest body to each frame (Kabsch).
     """
@@ -59,8 +60,8 @@ def root_frames(clip: Clip, mode: RootMode) -> RootFrames:
 def heading(rotation: np.ndarray) -> np.ndarray:
     """(T, 3, 3) -> (T, 3, 3): the part of each rotation that turns about +y (swing-twist decomposition).
 
-    It stays defined when the body lies or bends until it faces the floor; only a root that hangs exactly upside
-    down has no heading, and then the identity is returned.
+    It stays defined when the body lies or bends until it faces the floor; only a root that hangs exactly
+    upside down has no heading, and then the identity is returned.
     """
     quaternion = Rotation.from_matrix(rotation).as_quat()  # x, y, z, w
     yaw = 2 * np.arctan2(quaternion[:, 1], quaternion[:, 3])

@@ -12,7 +12,15 @@ from render import InputError
 from render.files import written_whole
 from render.mesh import check_faces, check_finite
 
-REQUIRED = ("template_vertices", "garment_faces", "garment_vertices", "body_rest", "body_faces", "body_vertices", "fps")
+REQUIRED = (
+    "template_vertices",
+    "garment_faces",
+    "garment_vertices",
+    "body_rest",
+    "body_faces",
+    "body_vertices",
+    "fps",
+)
 SKINNING = ("poses", "trans", "joints_rest", "parents", "blend_weights", "joint_transforms")
 
 
@@ -33,8 +41,8 @@ class Clip:
         joints_rest: (J', 3) rest positions; J' may be 1 where only the root is known.
         parents: (J',) int, parent of each joint, -1 for the root.
         blend_weights: (B, K) linear blend skinning weights of the body's vertices.
-        joint_transforms: (T, K, 3, 4) rest-to-posed transforms that belong to `blend_weights`; where it is None,
-            K = J and they follow from poses, trans, joints_rest and parents.
+        joint_transforms: (T, K, 3, 4) rest-to-posed transforms that belong to `blend_weights`; where it is
+            None, K = J and they follow from poses, trans, joints_rest and parents.
         info: free text such as source, licence and units, by name.
         name: what messages and tables call it.
     """
@@ -85,7 +93,9 @@ class Clip:
             value = getattr(self, key)
             if value is None:
                 continue
-            if value.ndim != len(shape) or any(w not in (None, n) for n, w in zip(value.shape, shape, strict=True)):
+            if value.ndim != len(shape) or any(
+                w not in (None, n) for n, w in zip(value.shape, shape, strict=True)
+            ):
                 expected = "(" + ", ".join("any" if w is None else str(w) for w in shape) + ")"
                 raise InputError(f"{self.name}: {key} must have shape {expected}, found {value.shape}")
 
@@ -135,7 +145,14 @@ def load_clip(path: str | Path) -> Clip:
 
 def save_clip(path: str | Path, clip: Clip) -> Path:
     """Write a clip npz; the file appears whole or not at all."""
-    arrays = {key: getattr(clip, key) for key in (*REQUIRED[:-1], *SKINNING) if getattr(clip, key) is not None}
+    arrays = {
+        key: getattr(clip, key) for key in (*REQUIRED[:-1], *SKINNING) if getattr(clip, key) is not None
+    }
     with written_whole(Path(path)) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays, fps=np.float64(clip.fps), **{k: np.str_(v) for k, v in clip.info.items()})
+        np.savez_compressed(
+            file,
+            **arrays,
+            fps=np.float64(clip.fps),
+            **{k: np.str_(v) for k, v in clip.info.items()},  # type: ignore[arg-type]
+        )
     return Path(path)
