@@ -47,7 +47,9 @@ class Mesh:
 def check_faces(faces: np.ndarray, n_vertices: int, source: str) -> None:
     """Raise InputError unless `faces` is a non-empty (F, 3) integer array of indices in [0, n_vertices)."""
     if faces.ndim != 2 or faces.shape[1] != 3 or not np.issubdtype(faces.dtype, np.integer):
-        raise InputError(f"{source}: faces must be integers of shape (F, 3), found {faces.dtype} {faces.shape}")
+        raise InputError(
+            f"{source}: faces must be integers of shape (F, 3), found {faces.dtype} {faces.shape}"
+        )
     if len(faces) == 0:
         raise InputError(f"{source}: the mesh has no faces; a point cloud cannot be imaged")
     bad = np.flatnonzero(((faces < 0) | (faces >= n_vertices)).any(axis=1))

@@ -1,0 +1,153 @@
+"""Perspective cameras, and their framing on a garment template."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from render.errors import InputError
+from render.mesh import Mesh
+
+# Where each view's camera stands, seen from the garment (x: the person's left, y: up, z: the way the body faces).
+VIEW_DIRECTIONS = {"front": (0, 0, 1), "back": (0, 0, -1), "left": (1, 0, 0), "right": (-1, 0, 0)}
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A perspective camera.
+
+    Args:
+        name: what messages and pictures call the view.
+        view: (4, 4) float64, world to camera coordinates in metres; the camera looks along its -z, y up.
+        projection: (4, 4) float64, camera to clip coordinates, OpenGL's perspective form (last row 0 0 -1 0). Its near
+            plane is kept by the rasteriser, its far plane is for other renderers: nothing is clipped at it.
+        size: (height, width) of the image in pixels.
+
+    Raises:
+        InputError: wrong shapes, values that are not finite, no perspective projection, or an empty image.
+    """
+
+    name: str
+    view: np.ndarray
+    projection: np.ndarray
+    size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        for field in ("view", "projection"):
+            matrix = np.asarray(getattr(self, field), np.float64)
+            if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+                raise InputError(
+                    f"camera '{self.name}': {field} must be a finite (4, 4) matrix, found shape {matrix.shape}"
+                )
+            object.__setattr__(self, field, matrix)
+        if not np.allclose(self.projection[3], (0, 0, -1, 0)) or not np.allclose(self.projection[:2, 3], 0):
+            raise InputError(
+                f"camera '{self.name}': projection must be perspective (last row 0 0 -1 0, no offset in x and y), "
+                f"found {self.projection.tolist()}"
+            )
+        object.__setattr__(self, "size", check_size(self.size))
+
+    @property
+    def near(self) -> float:
+        """Distance of the near plane in metres."""
+        return float(self.projection[2, 3] / (self.projection[2, 2] - 1))
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Where points fall in the image.
+
+        Args:
+            points: (..., 3), metres, world coordinates.
+
+        Returns:
+            (..., 3) float64: x and y in pixels (pixel (row i, column j) has its centre at x = j + 0.5, y = i + 0.5,
+            y downwards) and the depth in metres along the viewing axis. Not cut at the image's border. x and y are
+            NaN for points that are not in front of the camera (depth <= 0).
+        """
+        points = np.asarray(points, np.float64)
+        clip = (points @ self.view[:3, :3].T + self.view[:3, 3]) @ self.projection[:, :3].T + self.projection[
+            :, 3
+        ]
+        depth = clip[..., 3]
+        divisor = np.where(depth > 0, depth, np.nan)
+        height, width = self.size
+        x = (1 + clip[..., 0] / divisor) * (width / 2)
+        y = (1 - clip[..., 1] / divisor) * (height / 2)  # the image's rows run down, OpenGL's y runs up
+        return np.stack([x, y, depth], axis=-1)
+
+
+def check_size(size: Sequence[int]) -> tuple[int, int]:
+    """Return (height, width) as ints; raise InputError unless they are two whole numbers of at least 1."""
+    if len(size) != 2 or any(int(extent) != extent or extent < 1 for extent in size):
+        raise InputError(f"size must be (height, width) in pixels, each at least 1, found {tuple(size)}")
+    return int(size[0]), int(size[1])
+
+
+def frame_cameras(
+    template: Mesh,
+    *,
+    views: Sequence[str] = ("front", "back"),
+    size: tuple[int, int] = (256, 256),
+    fov_degrees: float = 30.0,
+    margin: float = 0.05,
+) -> tuple[Camera, ...]:
+    """Cameras that look at the template's bounding box from the named sides, each as near as the box allows.
+
+    The views of section 3.1 of the paper ("perspective camera of known transformation matrix").
+
+    Args:
+        template: the garment at rest, metres, facing +z.
+        views: names out of front, back, left, right; `front` stands on the +z side, `left` on the person's left (+x).
+        size: (height, width) of the images.
+        fov_degrees: field of view over the image's shorter side; pixels are square.
+        margin: share of the image's height and width that stays free at each border.
+
+    Returns:
+        One camera a view, in the order given.
+
+    Raises:
+        InputError: an unknown or repeated view, none at all, or a size, field of view or margin that makes no image.
+    """
+    height, width = check_size(size)
+    unknown = [view for view in views if view not in VIEW_DIRECTIONS]
+    if unknown or not views or len(set(views)) != len(views):
+        raise InputError(
+            f"views must be different names out of {', '.join(VIEW_DIRECTIONS)}; found {list(views)}"
+        )
+    if not 1 <= fov_degrees <= 120 or not 0 <= margin < 0.5:
+        raise InputError(
+            f"the field of view must be 1 to 120 degrees and the margin 0 to below 0.5; "
+            f"found {fov_degrees} and {margin}"
+        )
+    low, high = template.vertices.min(axis=0), template.vertices.max(axis=0)
+    if (high - low).max() == 0:
+        raise InputError(f"{template.source}: all vertices are at one point, there is nothing to look at")
+    tangent = (
+        math.tan(math.radians(fov_degrees) / 2) / min(height, width) * np.array([width, height])
+    )  # of half fields
+    return tuple(_frame(name, (low + high) / 2, (high - low) / 2, size, tangent, margin) for name in views)
+
+
+def _frame(
+    name: str, centre: np.ndarray, half: np.ndarray, size: tuple[int, int], tangent: np.ndarray, margin: float
+) -> Camera:
+    """The camera of one view: at the distance where the box's near face just fits between the margins."""
+    backward = np.array(
+        VIEW_DIRECTIONS[name], np.float64
+    )  # the camera's z axis points away from what it looks at
+    up = np.array([0.0, 1.0, 0.0])
+    rotation = np.stack([np.cross(up, backward), up, backward])
+    half_right, half_up, half_depth = np.abs(rotation) @ half
+    distance = half_depth + max(np.array([half_right, half_up]) / (tangent * (1 - 2 * margin)))
+    view = np.eye(4)
+    view[:3, :3] = rotation
+    view[:3, 3] = -rotation @ (centre + distance * backward)
+    # Wide limits: the body, larger than the garment, is imaged with the same cameras.
+    near, far = distance / 20, distance * 4
+    projection = np.zeros((4, 4))
+    projection[0, 0], projection[1, 1] = 1 / tangent
+    projection[2, 2:] = -(far + near) / (far - near), -2 * far * near / (far - near)
+    projection[3, 2] = -1
+    return Camera(name, view, projection, size)

@@ -1,0 +1,101 @@
+"""Everything that is constant for one template, in one object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from render.cameras import Camera, frame_cameras
+from render.encoding import PositionBox, encode_normals
+from render.errors import InputError
+from render.mesh import Mesh, vertex_normals
+from render.operator import MapOperator, SparseProduct
+from render.raster import Raster, rasterize
+from render.sampling import sampling
+
+
+class TemplateImager:
+    """A template, its cameras and what they see of it; makes maps of deformed versions and reads them back.
+
+    Made by `build`. Device and dtype follow the tensors given to the methods; the attributes stay on the CPU.
+
+    Attributes:
+        mesh: the template, N vertices.
+        cameras: S cameras of size (height, width).
+        raster: what they see.
+        operator: the interpolation B.
+        mask: (S, H, W) bool tensor, the silhouette.
+        visible: (S, N) bool array, which vertices each view sees and can be read at.
+        faces: (F, 3) int64 tensor.
+        size: (height, width).
+    """
+
+    def __init__(self, mesh: Mesh, cameras: tuple[Camera, ...], raster: Raster) -> None:
+        self.mesh, self.cameras, self.raster = mesh, cameras, raster
+        self.size = cameras[0].size
+        self.faces = torch.from_numpy(mesh.faces)
+        self.operator = MapOperator(raster, mesh.faces, len(mesh.vertices))
+        self.mask = self.operator.mask
+        self._sampler: SparseProduct
+        self._sampler, self.visible = sampling(mesh, cameras, raster)
+
+    @classmethod
+    def build(
+        cls,
+        mesh: Mesh,
+        *,
+        views: Sequence[str] = ("front", "back"),
+        size: tuple[int, int] = (256, 256),
+        cameras: Sequence[Camera] | None = None,
+        backend: str = "auto",
+    ) -> TemplateImager:
+        """Frame and rasterise a template.
+
+        Args:
+            mesh: the template at rest, metres, y up, facing +z.
+            views: names for `frame_cameras`; not used if `cameras` is given.
+            size: (height, width) of the maps; not used if `cameras` is given.
+            cameras: cameras of another template: the body is imaged with those of its garment.
+            backend: as for `rasterize`.
+
+        Raises:
+            InputError: whatever `frame_cameras` or `rasterize` refuses.
+        """
+        chosen = frame_cameras(mesh, views=views, size=size) if cameras is None else tuple(cameras)
+        return cls(mesh, chosen, rasterize(mesh, chosen, backend=backend))
+
+    def position_maps(self, vertices: torch.Tensor, box: PositionBox) -> torch.Tensor:
+        """P of equation 1: vertices (..., N, 3) in metres to encoded maps (..., S, H, W, 3), background 0."""
+        return self.operator(box.encode(vertices))
+
+    def normal_maps(self, vertices: torch.Tensor) -> torch.Tensor:
+        """N of equation 1: vertices (..., N, 3) to maps (..., S, H, W, 3) of their encoded normals, background 0.
+
+        Interpolated between the vertices and not scaled to unit length again, so the map is linear in the normals.
+        """
+        return self.operator(encode_normals(vertex_normals(vertices, self.faces.to(vertices.device))))
+
+    def sample(self, images: torch.Tensor) -> torch.Tensor:
+        """Values of images at each vertex's projection, one reading per view, differentiable in the images.
+
+        Only covered pixels count. For visible vertices only pixels that show their own surface do; for the others the
+        reading is of whatever covers them (0 where nothing does): ask `visible`.
+
+        Args:
+            images: (..., S, H, W, C).
+
+        Returns:
+            (..., S, N, C).
+
+        Raises:
+            InputError: images of another number of views or size.
+        """
+        views, vertices = self.visible.shape
+        if images.shape[-4:-1] != (views, *self.size):
+            raise InputError(
+                f"images must have shape (..., {views}, {self.size}, C), found {tuple(images.shape)}"
+            )
+        readings = self._sampler(images.reshape(*images.shape[:-4], -1, images.shape[-1]))
+        return readings.reshape(*images.shape[:-4], views, vertices, images.shape[-1])
