@@ -30,7 +30,7 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands; the parsed namespace has `run`, the function to call with it."""
     parser = argparse.ArgumentParser(
         prog="imgtransfer",
-        description="Deform garments without skinning: body and garment as images, a transfer network, a fusion.",
+        description="Deform garments without skinning: body and garment as images, a network, a fusion.",
     )
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name in COMMANDS:

@@ -39,8 +39,8 @@ class RootFrames:
 
 
 def root_frames(clip: Clip, mode: RootMode) -> RootFrames:
-    """The frames that `mode` removes: "root" the whole root rotation (section 4.2 of the paper), "heading" only
-    its turn about the vertical, so that gravity keeps its direction.
+    """The frames that `mode` removes: "root" the whole root rotation (section 4.2 of the paper), "heading"
+    only its turn about the vertical, so that gravity keeps its direction.
 
     A clip without poses gets its root motion from the best rigid fit of the rest body to each frame (Kabsch).
     """

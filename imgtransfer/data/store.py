@@ -31,7 +31,8 @@ class DataSet:
     """A folder of clips. Make one with `create`, `open` or `open_or_create`.
 
     On disk: root attributes `format`, `schema_version`, `units`, `up`, `title`, `source`, `licence` and
-    `versions`; groups `<garment>/<clip>` with the arrays of `Clip`, those that change with time chunked by 32 frames, and
+    `versions`; groups `<garment>/<clip>` with the arrays of `Clip`, those that change with time chunked by
+    32 frames, and
     attributes `name`, `split`, `fps`, `frames`, `source`, `licence`, `info`. Positions that lie on the 2⁻¹⁶ m
     grid of `imgtransfer.data.grid` are stored as differences in time; the reader returns the same float32.
 

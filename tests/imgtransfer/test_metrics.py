@@ -1,0 +1,186 @@
+"""Metrics on cases whose answers are known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from imgtransfer.data.clip import Clip
+from imgtransfer.evaluation.metrics import METRICS, evaluate_clip, mean_over_frames, vertex_hausdorff
+from imgtransfer.evaluation.sted import TEMPORAL_WEIGHT, sted, sted_spatial, sted_temporal
+from imgtransfer.evaluation.table import metrics_json, metrics_table
+from render import InputError, Mesh
+
+TRIANGLE = np.array([[[0, 0, 0], [3, 0, 0], [0, 4, 0]]], np.float64)  # edges 3, 4, 5
+TRIANGLE_EDGES = np.array([[0, 1], [0, 2], [1, 2]])
+
+
+def sphere(radius: float) -> tuple[np.ndarray, np.ndarray]:
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=radius)
+    return np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int64)
+
+
+def measure(predicted: np.ndarray, clip: Clip) -> dict[str, float]:
+    return evaluate_clip(
+        predicted, clip.garment_vertices, clip.garment_faces, clip.body_vertices, clip.body_faces
+    )
+
+
+def test_equal_meshes_have_no_error(tube_clip: Clip) -> None:
+    assert measure(tube_clip.garment_vertices, tube_clip) == dict.fromkeys(METRICS, 0.0)
+
+
+def test_a_translated_mesh(tube_clip: Clip) -> None:
+    moved = tube_clip.garment_vertices.astype(np.float64) + np.array([0.003, 0.0, 0.004])
+    found = measure(moved, tube_clip)
+    assert found["rmse_mm"] == pytest.approx(5.0)
+    assert found["rms_mm"] == pytest.approx(5.0)
+    assert 0 < found["hausdorff_mm"] <= 5.0 + 1e-9
+    assert found["sted"] == pytest.approx(0.0, abs=1e-9)
+    assert found["penetration_percent"] == 0.0  # the gap is 40 mm
+
+
+def test_mean_distance_and_root_mean_square_differ() -> None:
+    truth = TRIANGLE.copy()
+    predicted = truth + np.array([[0, 0, 3e-3], [0, 0, 4e-3], [0, 0, 0]])
+    body, faces = sphere(0.1)
+    found = evaluate_clip(predicted, truth, np.array([[0, 1, 2]]), body[None] + 20, faces)
+    assert found["rmse_mm"] == pytest.approx(7 / 3)
+    assert found["rms_mm"] == pytest.approx(np.sqrt(25 / 3))
+    assert found["hausdorff_mm"] == pytest.approx(4.0)
+
+
+def test_a_sphere_inside_a_sphere() -> None:
+    inner, faces = sphere(0.3)
+    outer, _ = sphere(0.5)
+    found = evaluate_clip(inner[None], outer[None], faces, outer[None], faces)
+    assert found["penetration_percent"] == 100.0
+    assert found["hausdorff_mm"] == pytest.approx(200.0, rel=1e-5)
+    assert found["rmse_mm"] == pytest.approx(200.0, rel=1e-5)
+    assert found["sted"] == pytest.approx(0.0, abs=1e-6)  # all edges shrink by the same share
+    outside = evaluate_clip(outer[None], outer[None], faces, inner[None], faces)
+    assert outside["penetration_percent"] == 0.0
+
+
+def test_hausdorff_is_two_sided() -> None:
+    a, b = np.zeros((1, 3)), np.array([[0.0, 0, 0], [2.0, 0, 0]])
+    assert vertex_hausdorff(a, b) == vertex_hausdorff(b, a) == 2.0
+
+
+def test_spatial_sted_of_a_uniformly_scaled_mesh_is_zero() -> None:
+    assert sted_spatial(1.7 * TRIANGLE, TRIANGLE, TRIANGLE_EDGES) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_spatial_sted_of_a_mesh_scaled_along_one_axis() -> None:
+    scaled = TRIANGLE * [2, 1, 1]  # edges 6, 4, √52: relative changes 1, 0, √52/5 − 1, weights 3, 4, 5
+    change = np.array([1, 0, np.sqrt(52) / 5 - 1])
+    mean = (3 * change[0] + 4 * change[1] + 5 * change[2]) / 12
+    by_hand = np.sqrt((3 * (change[0] - mean) ** 2 + 4 * mean**2 + 5 * (change[2] - mean) ** 2) / 12)
+    assert sted_spatial(scaled, TRIANGLE, TRIANGLE_EDGES) == pytest.approx(by_hand)
+
+
+def test_temporal_sted_of_a_point_that_shakes() -> None:
+    truth = np.array([[[0, 0, 0], [1.0, 0, 0]]] * 3)  # stands still, diagonal 1: true lengths are dt
+    shaken = truth.copy()
+    shaken[1, 0, 1] = 0.3  # two of four temporal edges get the length √(0.09 + dt²)
+    dt = 0.4
+    assert sted_temporal(shaken, truth, frame_step=dt) == pytest.approx((0.5 - 0.4) / 0.4 * 2 / 4)
+
+
+def test_the_temporal_window_averages_the_true_lengths() -> None:
+    truth = np.zeros((4, 2, 3))
+    truth[:, 1, 0] = 1.0  # keeps the diagonal at 1
+    truth[2:, :, 2] = 0.3  # the second of three temporal edges is long
+    predicted = truth + 0.0
+    predicted[3, :, 2] = 0.6  # as is the third of the prediction, where the truth stands still
+    lengths = np.array([0.4, 0.5, 0.4])  # dt = 0.4
+    by_hand = (0.5 - 0.4) / lengths[1:].mean() / 3
+    assert sted_temporal(predicted, truth, window=3, frame_step=0.4) == pytest.approx(by_hand)
+
+
+def test_sted_combines_both_parts(tube_clip: Clip) -> None:
+    truth = tube_clip.garment_vertices
+    edges = Mesh(truth[0], tube_clip.garment_faces).edges
+    predicted = truth + np.random.default_rng(0).normal(0, 2e-3, truth.shape)
+    spatial, temporal = sted_spatial(predicted, truth, edges), sted_temporal(predicted, truth)
+    assert spatial > 0.01
+    assert temporal > 0.01
+    assert sted(predicted, truth, edges) == pytest.approx(np.hypot(spatial, TEMPORAL_WEIGHT * temporal))
+
+
+@pytest.mark.parametrize("distance", [1, 2])
+def test_spatial_sted_equals_a_plain_loop(tube_clip: Clip, distance: int) -> None:
+    truth = tube_clip.garment_vertices[:2].astype(np.float64)
+    predicted = truth + np.random.default_rng(1).normal(0, 2e-3, truth.shape)
+    edges = Mesh(truth[0], tube_clip.garment_faces).edges
+    neighbours = {v: {v} for v in range(truth.shape[1])}
+    for a, b in edges:
+        neighbours[a].add(b)
+        neighbours[b].add(a)
+    deviations = []
+    for p, t in zip(predicted, truth, strict=True):
+        for v in range(truth.shape[1]):
+            reach = {v}
+            for _ in range(distance):
+                reach = {w for u in reach for w in neighbours[u]}
+            near = np.array([e for e in edges if e[0] in reach and e[1] in reach])
+            length = np.linalg.norm(t[near[:, 0]] - t[near[:, 1]], axis=1)
+            change = np.linalg.norm(p[near[:, 0]] - p[near[:, 1]], axis=1) / length - 1
+            mean = np.average(change, weights=length)
+            deviations.append(np.sqrt(np.average((change - mean) ** 2, weights=length)))
+    assert sted_spatial(predicted, truth, edges, distance=distance) == pytest.approx(np.mean(deviations))
+
+
+def test_a_rigidly_moved_prediction_has_no_sted_and_moving_both_changes_nothing(tube_clip: Clip) -> None:
+    turn, shift = Rotation.from_rotvec([0, np.pi / 2, 0]), np.array([1.0, 2.0, 3.0])
+
+    def moved(points: np.ndarray) -> np.ndarray:
+        return turn.apply(points.astype(np.float64).reshape(-1, 3)).reshape(points.shape) + shift
+
+    truth = tube_clip.garment_vertices.astype(np.float64)
+    edges = Mesh(truth[0], tube_clip.garment_faces).edges
+    assert sted(moved(truth), truth, edges) == pytest.approx(0.0, abs=1e-9)
+    predicted = truth + np.random.default_rng(2).normal(0, 2e-3, truth.shape)
+    still = measure(predicted, tube_clip)
+    both = evaluate_clip(
+        moved(predicted),
+        moved(truth),
+        tube_clip.garment_faces,
+        moved(tube_clip.body_vertices),
+        tube_clip.body_faces,
+    )
+    assert both == pytest.approx(still, rel=1e-9)
+
+
+def test_edges_of_no_length_and_single_frames_are_no_trouble() -> None:
+    folded = np.zeros((1, 3, 3))
+    assert sted(folded, folded, TRIANGLE_EDGES) == 0.0
+    half = TRIANGLE.copy()
+    half[:, 2] = half[:, 1]
+    assert np.isfinite(sted(TRIANGLE, half, TRIANGLE_EDGES))
+
+
+def test_clips_that_do_not_belong_together_are_refused(tube_clip: Clip) -> None:
+    with pytest.raises(InputError, match="not the same clip"):
+        measure(tube_clip.garment_vertices[:3], tube_clip)
+
+
+def test_the_overall_mean_counts_frames() -> None:
+    a, b = dict.fromkeys(METRICS, 1.0), dict.fromkeys(METRICS, 4.0)
+    assert mean_over_frames([(a, 20), (b, 10)]) == pytest.approx(dict.fromkeys(METRICS, 2.0))
+
+
+def test_table_and_json() -> None:
+    values = dict(zip(METRICS, (12.346, 13.0, 40.0, 0.0567, 0.25), strict=True))
+    table = metrics_table({"tube/bend": values, "overall": values})
+    assert "12.35" in table
+    assert "0.0567" in table
+    assert len(table.splitlines()) == 4
+    assert json.loads(metrics_json({"tube/bend": values}, values)) == {
+        "clips": {"tube/bend": values},
+        "overall": values,
+    }
