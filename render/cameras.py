@@ -11,7 +11,8 @@ import numpy as np
 from render.errors import InputError
 from render.mesh import Mesh
 
-# Where each view's camera stands, seen from the garment (x: the person's left, y: up, z: the way the body faces).
+# Where each view's camera stands, seen from the garment (x: the person's left, y: up, z: the way the body
+# faces).
 VIEW_DIRECTIONS = {"front": (0, 0, 1), "back": (0, 0, -1), "left": (1, 0, 0), "right": (-1, 0, 0)}
 
 
@@ -22,8 +23,9 @@ class Camera:
     Args:
         name: what messages and pictures call the view.
         view: (4, 4) float64, world to camera coordinates in metres; the camera looks along its -z, y up.
-        projection: (4, 4) float64, camera to clip coordinates, OpenGL's perspective form (last row 0 0 -1 0). Its near
-            plane is kept by the rasteriser, its far plane is for other renderers: nothing is clipped at it.
+        projection: (4, 4) float64, camera to clip coordinates, OpenGL's perspective form (last row 0 0 -1 0).
+            Its near plane is kept by the rasteriser, its far plane is for other renderers: nothing is clipped
+                at it.
         size: (height, width) of the image in pixels.
 
     Raises:
@@ -40,13 +42,13 @@ class Camera:
             matrix = np.asarray(getattr(self, field), np.float64)
             if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
                 raise InputError(
-                    f"camera '{self.name}': {field} must be a finite (4, 4) matrix, found shape {matrix.shape}"
+                    f"camera '{self.name}': {field} must be a finite (4, 4) matrix, found {matrix.shape}"
                 )
             object.__setattr__(self, field, matrix)
         if not np.allclose(self.projection[3], (0, 0, -1, 0)) or not np.allclose(self.projection[:2, 3], 0):
             raise InputError(
-                f"camera '{self.name}': projection must be perspective (last row 0 0 -1 0, no offset in x and y), "
-                f"found {self.projection.tolist()}"
+                f"camera '{self.name}': projection must be perspective, with last row 0 0 -1 0 and no offset in "
+                f"x and y; found {self.projection.tolist()}"
             )
         object.__setattr__(self, "size", check_size(self.size))
 
@@ -62,9 +64,9 @@ class Camera:
             points: (..., 3), metres, world coordinates.
 
         Returns:
-            (..., 3) float64: x and y in pixels (pixel (row i, column j) has its centre at x = j + 0.5, y = i + 0.5,
-            y downwards) and the depth in metres along the viewing axis. Not cut at the image's border. x and y are
-            NaN for points that are not in front of the camera (depth <= 0).
+            (..., 3) float64: x and y in pixels (pixel (row i, column j) has its centre at x = j + 0.5, y = i
+            + 0.5, y downwards) and the depth in metres along the viewing axis. Not cut at the image's border.
+            x and y are NaN for points that are not in front of the camera (depth <= 0).
         """
         points = np.asarray(points, np.float64)
         clip = (points @ self.view[:3, :3].T + self.view[:3, 3]) @ self.projection[:, :3].T + self.projection[
@@ -99,7 +101,8 @@ def frame_cameras(
 
     Args:
         template: the garment at rest, metres, facing +z.
-        views: names out of front, back, left, right; `front` stands on the +z side, `left` on the person's left (+x).
+        views: names out of front, back, left, right; `front` stands on the +z side, `left` on the person's
+            left (+x).
         size: (height, width) of the images.
         fov_degrees: field of view over the image's shorter side; pixels are square.
         margin: share of the image's height and width that stays free at each border.
@@ -108,7 +111,8 @@ def frame_cameras(
         One camera a view, in the order given.
 
     Raises:
-        InputError: an unknown or repeated view, none at all, or a size, field of view or margin that makes no image.
+        InputError: an unknown or repeated view, none at all, or a size, field of view or margin that makes no
+            image.
     """
     height, width = check_size(size)
     unknown = [view for view in views if view not in VIEW_DIRECTIONS]
@@ -124,30 +128,28 @@ def frame_cameras(
     low, high = template.vertices.min(axis=0), template.vertices.max(axis=0)
     if (high - low).max() == 0:
         raise InputError(f"{template.source}: all vertices are at one point, there is nothing to look at")
-    tangent = (
-        math.tan(math.radians(fov_degrees) / 2) / min(height, width) * np.array([width, height])
-    )  # of half fields
-    return tuple(_frame(name, (low + high) / 2, (high - low) / 2, size, tangent, margin) for name in views)
+    tangent = math.tan(math.radians(fov_degrees) / 2) / min(height, width) * np.array([width, height])
+    cameras = []
+    for name in views:
+        backward = np.array(VIEW_DIRECTIONS[name], np.float64)  # camera z points away from what it looks at
+        up = np.array([0.0, 1.0, 0.0])
+        rotation = np.stack([np.cross(up, backward), up, backward])
+        half_right, half_up, half_depth = np.abs(rotation) @ (high - low) / 2
+        # The box's near face just fits between the margins.
+        distance = half_depth + max(np.array([half_right, half_up]) / (tangent * (1 - 2 * margin)))
+        view = np.eye(4)
+        view[:3, :3] = rotation
+        view[:3, 3] = -rotation @ ((low + high) / 2 + distance * backward)
+        # Wide limits: the body, larger than the garment, is imaged with the same cameras.
+        projection = perspective(tangent, near=distance / 20, far=distance * 4)
+        cameras.append(Camera(name, view, projection, (height, width)))
+    return tuple(cameras)
 
 
-def _frame(
-    name: str, centre: np.ndarray, half: np.ndarray, size: tuple[int, int], tangent: np.ndarray, margin: float
-) -> Camera:
-    """The camera of one view: at the distance where the box's near face just fits between the margins."""
-    backward = np.array(
-        VIEW_DIRECTIONS[name], np.float64
-    )  # the camera's z axis points away from what it looks at
-    up = np.array([0.0, 1.0, 0.0])
-    rotation = np.stack([np.cross(up, backward), up, backward])
-    half_right, half_up, half_depth = np.abs(rotation) @ half
-    distance = half_depth + max(np.array([half_right, half_up]) / (tangent * (1 - 2 * margin)))
-    view = np.eye(4)
-    view[:3, :3] = rotation
-    view[:3, 3] = -rotation @ (centre + distance * backward)
-    # Wide limits: the body, larger than the garment, is imaged with the same cameras.
-    near, far = distance / 20, distance * 4
+def perspective(tangent: np.ndarray, near: float, far: float) -> np.ndarray:
+    """OpenGL's (4, 4) projection from the tangents of half the field of view across and up, limits in metres."""
     projection = np.zeros((4, 4))
-    projection[0, 0], projection[1, 1] = 1 / tangent
+    projection[0, 0], projection[1, 1] = 1 / np.asarray(tangent)
     projection[2, 2:] = -(far + near) / (far - near), -2 * far * near / (far - near)
     projection[3, 2] = -1
-    return Camera(name, view, projection, size)
+    return projection

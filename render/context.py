@@ -29,9 +29,9 @@ class GLContext:
 def open_context(backend: str) -> Iterator[GLContext]:
     """Open a standalone OpenGL 3.3 context for the length of a `with` block; it is released on any way out.
 
-    Triton is imported first where it is installed. Mesa's software renderer and triton each bring an LLVM, and the
-    process dies if triton's is loaded after Mesa's has started (any CUDA build of torch imports triton lazily);
-    the other order is safe. This is the only place of the project that opens contexts.
+    Triton is imported first where it is installed. Mesa's software renderer and triton each bring an LLVM,
+    and the process dies if triton's is loaded after Mesa's has started (any CUDA build of torch imports
+    triton lazily); the other order is safe. This is the only place of the project that opens contexts.
 
     Args:
         backend: "egl" or "osmesa".

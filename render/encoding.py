@@ -1,4 +1,4 @@
-"""Geometry as colours: linear rescaling of positions and normals to [0, 1] and back (RGB(·) in equation 1)."""
+"""Geometry as colours: positions and normals rescaled linearly to [0, 1] and back (RGB(·) of equation 1)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class PositionBox:
 
     @classmethod
     def around(cls, points: np.ndarray, margin: float = 0.05) -> PositionBox:
-        """The box of points (..., 3), widened on each side by `margin` times its extent (at least by 1 mm)."""
+        """The box of points (..., 3), widened at each side by `margin` of its extent (1 mm at least)."""
         points = np.asarray(points, np.float64).reshape(-1, 3)
         if len(points) == 0 or not np.isfinite(points).all():
             raise InputError(f"a position box needs finite points, found {len(points)} points")
@@ -61,7 +61,7 @@ def encode_normals(normals: Values) -> Values:
 
 
 def decode_normals(colours: Values) -> Values:
-    """Colours (..., 3) to vectors 2 c - 1; not scaled to unit length. The background decodes to -1: use the mask."""
+    """Colours (..., 3) to vectors 2 c - 1, not scaled to unit length. Background decodes to -1: use the mask."""
     return colours * 2 - 1
 
 

@@ -8,8 +8,8 @@ from render.context import GLContext
 from render.screen import ScreenFaces
 
 # The projection is done in float64 beforehand, so the vertex shader only passes image positions on. Depth is
-# evaluated from the face's plane at the pixel centre itself: the rasteriser's own interpolation starts from corners
-# snapped to 1/256 pixel, which on steep faces moves the depth enough to change the winner.
+# evaluated from the face's plane at the pixel centre itself: the rasteriser's own interpolation starts from
+# corners snapped to 1/256 pixel, which on steep faces moves the depth enough to change the winner.
 _VERTEX_SHADER = """
 #version 330
 in vec2 in_position;  // normalised device coordinates
@@ -49,8 +49,8 @@ def gl_face_ids(context: GLContext, faces: ScreenFaces, size: tuple[int, int]) -
         size: (height, width).
 
     Returns:
-        (height, width) int32, -1 where there is no face. Equal to `reference_face_ids` wherever the pixel's centre is
-        more than 1/100 pixel from every edge (hardware snaps corners to 1/256 pixel).
+        (height, width) int32, -1 where there is no face. Equal to `reference_face_ids` wherever the pixel's
+        centre is more than 1/100 pixel from every edge (hardware snaps corners to 1/256 pixel).
     """
     import moderngl  # noqa: PLC0415
 
@@ -81,12 +81,13 @@ def gl_face_ids(context: GLContext, faces: ScreenFaces, size: tuple[int, int]) -
 def _vertex_data(faces: ScreenFaces, size: tuple[int, int]) -> np.ndarray:
     """(3 K, 8) float32, the attributes of the shader above.
 
-    The one vertical flip: OpenGL's row 0 is the bottom one. Image y is handed over as if it ran upwards, so the rows
-    come back with row 0 at the top and nothing is flipped afterwards.
+    The one vertical flip: OpenGL's row 0 is the bottom one. Image y is handed over as if it ran upwards, so
+    the rows come back with row 0 at the top and nothing is flipped afterwards.
     """
     height, width = size
     position = faces.corners / (width / 2, height / 2) - 1
-    # Reciprocal depth, near to far onto 0 to 1: affine over the image like 1/depth, and tight around the mesh.
+    # Reciprocal depth, near to far onto 0 to 1: affine over the image like 1/depth, and tight around the
+    # mesh.
     values = np.stack(
         [faces.reciprocal_depth(np.arange(len(faces.ids)), faces.corners[:, k]) for k in range(3)]
     )

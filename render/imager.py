@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import torch
 
 from render.cameras import Camera, frame_cameras
@@ -71,17 +70,19 @@ class TemplateImager:
         return self.operator(box.encode(vertices))
 
     def normal_maps(self, vertices: torch.Tensor) -> torch.Tensor:
-        """N of equation 1: vertices (..., N, 3) to maps (..., S, H, W, 3) of their encoded normals, background 0.
+        """N of equation 1: vertices (..., N, 3) to maps (..., S, H, W, 3) of their encoded normals,
+        background 0.
 
-        Interpolated between the vertices and not scaled to unit length again, so the map is linear in the normals.
+        Interpolated between the vertices and not scaled to unit length again, so the map is linear in the
+        normals.
         """
         return self.operator(encode_normals(vertex_normals(vertices, self.faces.to(vertices.device))))
 
     def sample(self, images: torch.Tensor) -> torch.Tensor:
         """Values of images at each vertex's projection, one reading per view, differentiable in the images.
 
-        Only covered pixels count. For visible vertices only pixels that show their own surface do; for the others the
-        reading is of whatever covers them (0 where nothing does): ask `visible`.
+        Only covered pixels count. For visible vertices only pixels that show their own surface do; for the
+        others the reading is of whatever covers them (0 where nothing does): ask `visible`.
 
         Args:
             images: (..., S, H, W, C).

@@ -55,8 +55,8 @@ def check_faces(faces: np.ndarray, n_vertices: int, source: str) -> None:
     bad = np.flatnonzero(((faces < 0) | (faces >= n_vertices)).any(axis=1))
     if len(bad):
         raise InputError(
-            f"{source}: face {bad[0]} uses vertices {faces[bad[0]].tolist()}, but only 0..{n_vertices - 1} exist "
-            f"({len(bad)} of {len(faces)} faces are bad; OBJ files count from 1)"
+            f"{source}: face {bad[0]} uses vertices {faces[bad[0]].tolist()}, but only 0..{n_vertices - 1} "
+            f"exist ({len(bad)} of {len(faces)} faces are bad; OBJ files count from 1)"
         )
 
 

@@ -14,8 +14,8 @@ from render.raster import Raster
 class SparseProduct:
     """A constant sparse matrix that multiplies the second last axis of batched dense tensors.
 
-    The matrix is copied to a device and dtype on first use there, and kept. The product is differentiable in the
-    dense factor, any number of times: its gradient is the product with the transpose.
+    The matrix is copied to a device and dtype on first use there, and kept. The product is differentiable in
+    the dense factor, any number of times: its gradient is the product with the transpose.
 
     Args:
         rows, columns: (K,) integer, places of the entries, any order; repeated places are summed.
@@ -99,8 +99,8 @@ class _SparseDense(torch.autograd.Function):
 class MapOperator:
     """The renderer f_r of equation 1 of the paper as one constant sparse matrix B (pixels × vertices).
 
-    Each covered pixel's row holds the barycentric weights of its face's three vertices. Device and dtype (float32 or
-    float64) follow the tensors it is given.
+    Each covered pixel's row holds the barycentric weights of its face's three vertices. Device and dtype
+    (float32 or float64) follow the tensors it is given.
 
     Args:
         raster: of the template, S views of H × W pixels.

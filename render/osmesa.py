@@ -1,7 +1,7 @@
 """A GL context from libOSMesa, in the form that moderngl takes.
 
-moderngl opens contexts through glcontext, which no longer knows OSMesa; it also accepts any object with `load`,
-`__enter__`, `__exit__` and `release`, which is what stands here.
+moderngl opens contexts through glcontext, which no longer knows OSMesa; it also accepts any object with
+`load`, `__enter__`, `__exit__` and `release`, which is what stands here.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -27,8 +28,8 @@ class Raster:
 
     Args:
         face_id: (S, H, W) int32, -1 in the background.
-        barycentric: (S, H, W, 3) float64, weights of the face's three vertices at the pixel's centre, on the surface
-            (perspective is accounted for); non-negative with sum 1, all 0 in the background.
+        barycentric: (S, H, W, 3) float64, weights of the face's three vertices at the pixel's centre, on the
+            surface (perspective is accounted for); non-negative with sum 1, all 0 in the background.
         depth: (S, H, W) float32, metres along the viewing axis, 0 in the background.
         backend: what drew it: egl, osmesa or numpy.
     """
@@ -47,22 +48,23 @@ class Raster:
 def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -> Raster:
     """Rasterise a mesh once per camera; both sides of every face count.
 
-    Face ids come from the backend. Barycentrics and depth are then computed from them in float64, so they do not
-    depend on the backend.
+    Face ids come from the backend. Barycentrics and depth are then computed from them in float64, so they do
+    not depend on the backend.
 
     Args:
         mesh: what to draw, world coordinates.
         cameras: one or more, all of the same size.
-        backend: "egl", "osmesa", "numpy" (exact, slower), or "auto": the first of these that works, with a warning
-            if it is the last.
+        backend: "egl", "osmesa", "numpy" (exact, slower), or "auto": the first of these that works, with a
+            warning if it is the last.
 
     Raises:
-        InputError: no camera, cameras of different sizes, an unknown or unavailable backend, a mesh that reaches
-            through a camera's near plane or that a camera does not see at all.
+        InputError: no camera, cameras of different sizes, an unknown or unavailable backend, a mesh that
+            reaches through a camera's near plane or that a camera does not see at all.
     """
     if not cameras or len({camera.size for camera in cameras}) != 1:
         raise InputError(
-            f"one or more cameras of one size are needed, found {[camera.size for camera in cameras]} (height, width)"
+            "one or more cameras of one size are needed, found (height, width) "
+            f"{[camera.size for camera in cameras]}"
         )
     projected = [screen_faces(mesh, camera) for camera in cameras]
     with _drawing(backend) as (name, face_ids):
@@ -70,8 +72,8 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
     for camera, ids in zip(cameras, drawn, strict=True):
         if (ids < 0).all():
             raise InputError(
-                f"{mesh.source}: garment outside the view: camera '{camera.name}' sees none of it; frame the cameras "
-                "on this mesh, in metres and facing +z"
+                f"{mesh.source}: garment outside the view: camera '{camera.name}' sees none of it; frame the "
+                "cameras on this mesh, in metres and facing +z"
             )
     places = [surface_points(mesh, camera, ids) for camera, ids in zip(cameras, drawn, strict=True)]
     barycentric = np.stack([place[0] for place in places])
@@ -82,8 +84,8 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
 def surface_points(mesh: Mesh, camera: Camera, face_id: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where the ray through each pixel's centre meets the pixel's face.
 
-    Hardware snaps corners, so a centre within 1/100 pixel of an edge may lie just outside its face: weights are cut
-    at 0 and rescaled to sum 1, which is the nearest point that is on the face to that accuracy.
+    Hardware snaps corners, so a centre within 1/100 pixel of an edge may lie just outside its face: weights
+    are cut at 0 and rescaled to sum 1, which is the nearest point that is on the face to that accuracy.
 
     Args:
         mesh: (N, 3) vertices and faces.
@@ -101,7 +103,8 @@ def surface_points(mesh: Mesh, camera: Camera, face_id: np.ndarray) -> tuple[np.
     ray = np.concatenate([slopes, -np.ones((len(slopes), 1))], axis=1)
     seen = mesh.vertices @ camera.view[:3, :3].T + camera.view[:3, 3]
     corners = seen[mesh.faces[face_id[rows, columns]]]  # (P, 3 corners, 3)
-    # ray ∝ Σ weight · corner; by Cramer's rule each weight is a determinant with the ray in the corner's place.
+    # ray ∝ Σ weight · corner; by Cramer's rule each weight is a determinant with the ray in the corner's
+    # place.
     following, last = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)
     weights = np.einsum("pi,pki->pk", ray, np.cross(following, last))
     total = weights.sum(axis=1, keepdims=True)
@@ -128,7 +131,7 @@ def _drawing(backend: str) -> Iterator[tuple[str, _FaceIds]]:
             except GLUnavailableError as error:
                 failures.append(str(error))
                 continue
-            yield name, lambda faces, size: gl_face_ids(context, faces, size)
+            yield name, partial(gl_face_ids, context)
             return
     if backend in GL_BACKENDS:
         raise InputError(f"no GL from '{failures[0]}'; run: {HOW_TO_INSTALL[backend]}")

@@ -12,8 +12,9 @@ _CHUNK = 1 << 21  # face-pixel pairs looked at together; bounds the memory to a 
 def reference_face_ids(faces: ScreenFaces, size: tuple[int, int]) -> np.ndarray:
     """The nearest face at every pixel centre, in float64.
 
-    A centre on an edge belongs to one of the two faces beside it (edge rule below), so a closed surface has neither
-    holes nor doubly covered pixels. Of faces at the same depth the one with the lower index wins. Both sides count.
+    A centre on an edge belongs to one of the two faces beside it (edge rule below), so a closed surface has
+    neither holes nor doubly covered pixels. Of faces at the same depth the one with the lower index wins.
+    Both sides count.
 
     Args:
         faces: projected faces.
@@ -56,9 +57,9 @@ def _chunks(counts: np.ndarray) -> list[slice]:
 def _covers(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(K,) bool: whether triangles (K, 3, 2) cover points (K, 2).
 
-    The edge function is always evaluated from the end that comes first in (x, y) order and its sign is flipped
-    afterwards, so that the two faces at an edge see exactly opposite numbers. A point exactly on the edge's line is
-    given to the face on the positive side of the directed edge: one of the two.
+    The edge function is always evaluated from the end that comes first in (x, y) order and its sign is
+    flipped afterwards, so that the two faces at an edge see exactly opposite numbers. A point exactly on the
+    edge's line is given to the face on the positive side of the directed edge: one of the two.
     """
     orientation = np.sign(_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     inside = np.ones(len(points), bool)

@@ -18,7 +18,8 @@ class ScreenFaces:
     """Faces in front of a camera, in pixels.
 
     Args:
-        ids: (K,) int64, index of each in the mesh's faces; edge-on faces and those behind the camera are left out.
+        ids: (K,) int64, index of each in the mesh's faces; edge-on faces and those behind the camera are left
+            out.
         corners: (K, 3, 2) float64, pixels, y downwards.
         plane: (K, 3) float64, the reciprocal depth (1/m) over the image, which perspective makes affine:
             plane[0] + plane[1] (x - x0) + plane[2] (y - y0) with (x0, y0) the first corner.
@@ -46,8 +47,8 @@ def screen_faces(mesh: Mesh, camera: Camera) -> ScreenFaces:
     corners_behind = behind[mesh.faces].sum(axis=1)
     if ((corners_behind > 0) & (corners_behind < 3)).any():
         raise InputError(
-            f"{mesh.source}: reaches through the near plane of camera '{camera.name}' ({camera.near:.3f} m in front "
-            "of it); move the camera away, or use a smaller field of view"
+            f"{mesh.source}: reaches through the near plane of camera '{camera.name}' ({camera.near:.3f} m in "
+            "front of it); move the camera away, or use a smaller field of view"
         )
     ids = np.flatnonzero(corners_behind == 0)
     triangles = projected[mesh.faces[ids]]
@@ -63,6 +64,6 @@ def screen_faces(mesh: Mesh, camera: Camera) -> ScreenFaces:
 
 
 def expand(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For counts (K,), the owner k and the running number 0..counts[k]-1 of each of the counts.sum() items."""
+    """For counts (K,): the owner k and the running number 0..counts[k]-1 of each of counts.sum() items."""
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)

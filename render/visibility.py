@@ -8,15 +8,16 @@ from render.cameras import Camera
 from render.mesh import Mesh
 from render.screen import expand, screen_faces
 
-# How much nearer (metres) an occluding face must be: rounding of the projection, well below any cloth thickness.
+# How much nearer (metres) an occluding face must be: rounding of the projection, well below any cloth
+# thickness.
 _CLEARANCE = 1e-6
 
 
 def visible_vertices(mesh: Mesh, camera: Camera) -> np.ndarray:
     """Vertices with a free line of sight to the camera, decided against the mesh itself, not its pixels.
 
-    A vertex is hidden where a face that it is no corner of covers its projection and is nearer. Both sides of cloth
-    hide and are seen.
+    A vertex is hidden where a face that it is no corner of covers its projection and is nearer. Both sides of
+    cloth hide and are seen.
 
     Args:
         mesh: N vertices.

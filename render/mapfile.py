@@ -1,0 +1,182 @@
+"""Maps on disk, with all that someone else needs to turn them into a mesh."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from render.cameras import Camera
+from render.encoding import PositionBox
+from render.errors import InputError
+from render.files import written_whole
+from render.imager import TemplateImager
+from render.mesh import Mesh
+
+FORMAT, FORMAT_VERSION = "imgtransfer-maps", 1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MapFile:
+    """Encoded maps of T frames from S views of H × W pixels, and the template and frames they belong to.
+
+    Args:
+        position: (T, S, H, W, 3) float32, encoded by the box, background 0; None if there are normals only.
+        normal: (T, S, H, W, 3) float32, (n + 1) / 2, background 0; None if there are positions only.
+        mask: (S, H, W) bool, the template's silhouette.
+        box_lo, box_hi: (3,) float64, metres, the position box.
+        views: S names.
+        view_matrices, projection_matrices: (S, 4, 4) float64, as in `Camera`.
+        template_vertices: (N, 3) float64, metres; template_faces: (F, 3) int64.
+        rotation: (T, 3, 3) float64 and translation: (T, 3) float64, metres: the canonical frame, x = R x' +
+            t.
+        fps: frames per second.
+
+    Raises:
+        InputError: a shape that does not fit the others, or values that are not finite.
+    """
+
+    position: np.ndarray | None
+    normal: np.ndarray | None
+    mask: np.ndarray
+    box_lo: np.ndarray
+    box_hi: np.ndarray
+    views: tuple[str, ...]
+    view_matrices: np.ndarray
+    projection_matrices: np.ndarray
+    template_vertices: np.ndarray
+    template_faces: np.ndarray
+    rotation: np.ndarray
+    translation: np.ndarray
+    fps: float
+
+    def __post_init__(self) -> None:
+        maps = self.position if self.position is not None else self.normal
+        if maps is None:
+            raise InputError("a map file needs position or normal maps, found neither")
+        frames, views = np.shape(maps)[0] if np.ndim(maps) else 0, len(self.views)
+        size = np.shape(self.mask)[1:]
+        vertices = np.shape(self.template_vertices)[:1]
+        expected: dict[str, tuple[tuple[int, ...], type]] = {
+            "position": ((frames, views, *size, 3), np.float32),
+            "normal": ((frames, views, *size, 3), np.float32),
+            "mask": ((views, *size), np.bool_),
+            "box_lo": ((3,), np.float64),
+            "box_hi": ((3,), np.float64),
+            "view_matrices": ((views, 4, 4), np.float64),
+            "projection_matrices": ((views, 4, 4), np.float64),
+            "template_vertices": ((*vertices, 3), np.float64),
+            "rotation": ((frames, 3, 3), np.float64),
+            "translation": ((frames, 3), np.float64),
+        }
+        if len(size) != 2 or frames == 0 or not self.fps > 0:
+            raise InputError(
+                f"maps: one frame or more, masks (S, H, W) and fps > 0 are needed; found {frames} frames, "
+                f"mask {np.shape(self.mask)}, fps {self.fps}"
+            )
+        for name, (shape, dtype) in expected.items():
+            if getattr(self, name) is not None:
+                array = np.asarray(getattr(self, name), dtype)
+                if array.shape != shape or not np.isfinite(array).all():
+                    raise InputError(f"maps: {name} must be finite, of shape {shape}; found {array.shape}")
+                object.__setattr__(self, name, array)
+        object.__setattr__(self, "fps", float(self.fps))
+        object.__setattr__(self, "views", tuple(str(view) for view in self.views))
+        object.__setattr__(self, "template_faces", self.template.faces)  # checks them
+        PositionBox(self.box_lo, self.box_hi)
+
+    @classmethod
+    def of(
+        cls,
+        imager: TemplateImager,
+        *,
+        position: np.ndarray | None,
+        normal: np.ndarray | None,
+        box: PositionBox,
+        rotation: np.ndarray,
+        translation: np.ndarray,
+        fps: float,
+    ) -> MapFile:
+        """Maps made with (or predicted for) an imager's template and cameras."""
+        return cls(
+            position=position,
+            normal=normal,
+            mask=imager.mask.numpy(),
+            box_lo=box.lo,
+            box_hi=box.hi,
+            views=tuple(camera.name for camera in imager.cameras),
+            view_matrices=np.stack([camera.view for camera in imager.cameras]),
+            projection_matrices=np.stack([camera.projection for camera in imager.cameras]),
+            template_vertices=imager.mesh.vertices,
+            template_faces=imager.mesh.faces,
+            rotation=rotation,
+            translation=translation,
+            fps=fps,
+        )
+
+    @property
+    def box(self) -> PositionBox:
+        """The position box."""
+        return PositionBox(self.box_lo, self.box_hi)
+
+    @property
+    def template(self) -> Mesh:
+        """The template mesh."""
+        return Mesh(self.template_vertices, self.template_faces, source="maps: template")
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras: `TemplateImager.build(maps.template, cameras=maps.cameras)` makes the imager again."""
+        height, width = self.mask.shape[1:]
+        matrices = zip(self.views, self.view_matrices, self.projection_matrices, strict=True)
+        return tuple(Camera(name, view, projection, (height, width)) for name, view, projection in matrices)
+
+
+def save_maps(path: Path | str, maps: MapFile) -> None:
+    """Write maps as a compressed npz of plain arrays, named as the fields of `MapFile`; whole or not at all.
+
+    Raises:
+        InputError: the path does not end in .npz.
+    """
+    path = Path(path)
+    if path.suffix != ".npz":
+        raise InputError(f"{path}: map files end in .npz")
+    arrays = {field.name: getattr(maps, field.name) for field in fields(maps)}
+    arrays = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
+    with written_whole(path) as temporary:
+        np.savez_compressed(temporary, format=FORMAT, format_version=FORMAT_VERSION, **arrays)
+
+
+def load_maps(path: Path | str) -> MapFile:
+    """Read what `save_maps` wrote.
+
+    Raises:
+        InputError: no such file, a damaged one, another format or version, an array missing or of a wrong
+            shape.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: not a readable npz file ({error}); make it again") from error
+    found = arrays.pop("format", "none"), arrays.pop("format_version", "none")
+    if str(found[0]) != FORMAT or str(found[1]) != str(FORMAT_VERSION):
+        raise InputError(
+            f"{path}: format '{FORMAT}' version {FORMAT_VERSION} expected, found '{found[0]}' version {found[1]}"
+        )
+    names = {field.name for field in fields(MapFile)}
+    absent = names - {"position", "normal"} - set(arrays)
+    if absent:
+        raise InputError(f"{path}: {', '.join(sorted(absent))} missing from the map file")
+    values: dict = {"position": None, "normal": None} | {name: arrays[name] for name in names & set(arrays)}
+    values["views"], values["fps"] = tuple(values["views"].tolist()), values["fps"].item()
+    try:
+        return MapFile(**values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
