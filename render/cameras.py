@@ -47,8 +47,8 @@ class Camera:
             object.__setattr__(self, field, matrix)
         if not np.allclose(self.projection[3], (0, 0, -1, 0)) or not np.allclose(self.projection[:2, 3], 0):
             raise InputError(
-                f"camera '{self.name}': projection must be perspective, with last row 0 0 -1 0 and no offset in "
-                f"x and y; found {self.projection.tolist()}"
+                f"camera '{self.name}': projection must be perspective, its last row 0 0 -1 0, its offset 0 "
+                f"in x and y; found {self.projection.tolist()}"
             )
         object.__setattr__(self, "size", check_size(self.size))
 
@@ -147,7 +147,7 @@ def frame_cameras(
 
 
 def perspective(tangent: np.ndarray, near: float, far: float) -> np.ndarray:
-    """OpenGL's (4, 4) projection from the tangents of half the field of view across and up, limits in metres."""
+    """OpenGL's (4, 4) projection from the tangents of half the view across and up; limits in metres."""
     projection = np.zeros((4, 4))
     projection[0, 0], projection[1, 1] = 1 / np.asarray(tangent)
     projection[2, 2:] = -(far + near) / (far - near), -2 * far * near / (far - near)

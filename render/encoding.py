@@ -61,7 +61,7 @@ def encode_normals(normals: Values) -> Values:
 
 
 def decode_normals(colours: Values) -> Values:
-    """Colours (..., 3) to vectors 2 c - 1, not scaled to unit length. Background decodes to -1: use the mask."""
+    """Colours (..., 3) to vectors 2 c - 1, not scaled to unit length. Background becomes -1: use the mask."""
     return colours * 2 - 1
 
 

@@ -79,7 +79,7 @@ class MapFile:
             )
         for name, (shape, dtype) in expected.items():
             if getattr(self, name) is not None:
-                array = np.asarray(getattr(self, name), dtype)
+                array: np.ndarray = np.asarray(getattr(self, name), dtype)
                 if array.shape != shape or not np.isfinite(array).all():
                     raise InputError(f"maps: {name} must be finite, of shape {shape}; found {array.shape}")
                 object.__setattr__(self, name, array)
@@ -168,7 +168,8 @@ def load_maps(path: Path | str) -> MapFile:
     found = arrays.pop("format", "none"), arrays.pop("format_version", "none")
     if str(found[0]) != FORMAT or str(found[1]) != str(FORMAT_VERSION):
         raise InputError(
-            f"{path}: format '{FORMAT}' version {FORMAT_VERSION} expected, found '{found[0]}' version {found[1]}"
+            f"{path}: format '{FORMAT}' version {FORMAT_VERSION} expected, "
+            f"found '{found[0]}' version {found[1]}"
         )
     names = {field.name for field in fields(MapFile)}
     absent = names - {"position", "normal"} - set(arrays)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:
     import trimesh  # noqa: PLC0415  (half a second that most callers need not pay)
 
     try:
-        loaded = trimesh.load(path, process=False)
+        loaded: Any = trimesh.load(path, process=False)
         if isinstance(loaded, trimesh.Scene):
             loaded = loaded.to_mesh()
         return np.array(loaded.vertices), np.array(getattr(loaded, "faces", np.zeros((0, 3), np.int64)))

@@ -121,8 +121,8 @@ def difference_picture(
     """
     if first.shape != second.shape or first.shape[:2] != mask.shape or not mask.any():
         raise InputError(
-            f"two maps of one shape and their non-empty mask are needed, found {first.shape}, {second.shape} and "
-            f"mask {mask.shape} with {int(np.sum(mask))} pixels"
+            f"two maps of one shape and their non-empty mask are needed, found {first.shape}, {second.shape} "
+            f"and mask {mask.shape} with {int(np.sum(mask))} pixels"
         )
     distance = np.linalg.norm(np.asarray(first, np.float64) - second, axis=-1)
     top = float(np.percentile(distance[mask], 99)) if limit is None else limit

@@ -47,8 +47,8 @@ def screen_faces(mesh: Mesh, camera: Camera) -> ScreenFaces:
     corners_behind = behind[mesh.faces].sum(axis=1)
     if ((corners_behind > 0) & (corners_behind < 3)).any():
         raise InputError(
-            f"{mesh.source}: reaches through the near plane of camera '{camera.name}' ({camera.near:.3f} m in "
-            "front of it); move the camera away, or use a smaller field of view"
+            f"{mesh.source}: reaches through the near plane of camera '{camera.name}' ({camera.near:.3f} m "
+            "in front of it); move the camera away, or use a smaller field of view"
         )
     ids = np.flatnonzero(corners_behind == 0)
     triangles = projected[mesh.faces[ids]]
