@@ -1,3 +1,14 @@
-"""From position and normal maps back to a mesh."""
+"""From position and normal maps back to a mesh: section 3.3 of the paper."""
 
+from fusion.clearance import clear_body as clear_body
+from fusion.config import FusionConfig as FusionConfig
+from fusion.fuse import FusionResult as FusionResult
+from fusion.fuse import fuse as fuse
+from fusion.initialise import initial_vertices as initial_vertices
+from fusion.losses import collision_loss as collision_loss
+from fusion.losses import displacement_loss as displacement_loss
+from fusion.losses import edge_length_loss as edge_length_loss
+from fusion.losses import normal_consistency_loss as normal_consistency_loss
+from fusion.losses import normal_rendering_loss as normal_rendering_loss
 from fusion.sdf import BodySdf as BodySdf
+from fusion.topology import Topology as Topology

@@ -45,8 +45,8 @@ class BodySdf:
         faces: (G, 3) integers, counter-clockwise seen from outside.
         n_vertices: B, the number of body vertices.
         device: a torch device, "cpu" or "cuda"; points must lie on it.
-        sign: how inside is told from outside. "winding" (generalised winding number) is right where limbs sink
-            into each other and where the mesh has small holes. "normal" (angle-weighted pseudo-normal of the
+        sign: how inside is told from outside. "winding" (generalised winding number) is right where limbs
+            sink into each other and where the mesh has holes. "normal" (angle-weighted pseudo-normal of the
             closest point) is about five times as fast and differs from it only inside such overlaps.
 
     Raises:
@@ -139,7 +139,7 @@ class BodySdf:
             points: as for `query`, floating point.
 
         Returns:
-            (..., N), dtype of `points`. The gradient is the unit direction away from the closest surface point.
+            (..., N), dtype of `points`. The gradient is the unit direction away from the surface.
         """
         return _Distance.apply(points, self)
 
