@@ -61,8 +61,8 @@ def _from_poses(clip: Clip) -> np.ndarray:
     n_frames, n_joints = poses.shape[:2]
     if not n_joints == len(joints) == len(parents) or any(parent >= j for j, parent in enumerate(parents)):
         raise InputError(
-            f"{clip.name}: {n_joints} joints in poses, {len(joints)} in joints_rest, {len(parents)} in parents; "
-            "these must agree, and a parent must come before its children"
+            f"{clip.name}: {n_joints} joints in poses, {len(joints)} in joints_rest, "
+            f"{len(parents)} in parents; these must agree, and a parent must come before its children"
         )
     turns = Rotation.from_rotvec(poses.reshape(-1, 3)).as_matrix().reshape(n_frames, n_joints, 3, 3)
     transforms = np.empty((n_frames, n_joints, 3, 4))

@@ -1,0 +1,116 @@
+"""`imgtransfer doctor`: what works on this machine, and what to do about what does not."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+from render import InputError
+
+OPTIONAL = {
+    "newton": "cloth simulation (`imgtransfer simulate`)",
+    "anny": "the Anny body model, to rebuild the body mesh",
+}
+CORE = (
+    "imgtransfer",
+    "numpy",
+    "scipy",
+    "zarr",
+    "trimesh",
+    "moderngl",
+    "opencv-contrib-python-headless",
+    "kornia",
+)
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> argparse.ArgumentParser:
+    """Add the command's arguments (none)."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "doctor",
+        help="report what works on this machine",
+        description="GL, PyTorch, Warp, optional parts, versions. Exit status 0 when it can be used.",
+    )
+    return parser
+
+
+def run(args: argparse.Namespace) -> None:
+    """Print one line a part; what is missing says how to get it.
+
+    Raises:
+        InputError: something without which nothing works is missing.
+    """
+    del args
+    print(
+        f"{'python':10} {platform.python_version()} on {platform.system()} {platform.machine()}, {_cores()} cores"
+    )
+    broken = [part() for part in (_gl, _torch, _warp)]
+    for package, use in OPTIONAL.items():
+        found = _version(package)
+        print(f"{package:10} {found or f'missing: {use}; pip install imgtransfer[simulate]'}")
+    versions = [f"{package} {_version(package) or 'missing'}" for package in CORE]
+    print(f"{'versions':10} {', '.join(versions)}")
+    problems = [problem for problem in broken if problem]
+    if problems:
+        raise InputError("doctor: " + "; ".join(problems))
+    print("ready")
+
+
+def _cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _gl() -> str | None:
+    from render.context import HOW_TO_INSTALL, probe_backends  # noqa: PLC0415
+
+    found = probe_backends()
+    working = [name for name, renderer in found.items() if not renderer.startswith("unavailable")]
+    for name, renderer in found.items():
+        print(f"{'GL':10} {name}: {renderer}")
+    if working:
+        print(f"{'GL':10} rasterising with {working[0]}")
+    else:
+        print(f"{'GL':10} rasterising with the slow NumPy reference; to mend this: {HOW_TO_INSTALL['egl']}")
+    return None  # the NumPy rasteriser always works
+
+
+def _torch() -> str | None:
+    try:
+        import torch  # noqa: PLC0415
+
+        device = f"cuda ({torch.cuda.get_device_name()})" if torch.cuda.is_available() else "cpu"
+        length = float(torch.linalg.vector_norm(torch.tensor([3.0, 4.0], device=device.split(maxsplit=1)[0])))
+    except (ImportError, OSError, RuntimeError) as error:
+        return f"PyTorch does not work ({error}); run scripts/test, which installs it"
+    print(f"{'torch':10} {torch.__version__} on {device}, {torch.get_num_threads()} threads")
+    return None if length == 5.0 else f"PyTorch computes |(3, 4)| = {length}; reinstall it"
+
+
+def _warp() -> str | None:
+    try:
+        distance = _distance_to_a_tetrahedron()
+    except (ImportError, OSError, RuntimeError) as error:
+        return f"Warp does not work ({error}); pip install warp-lang"
+    print(f"{'warp':10} {_version('warp-lang')}, signed distance works")
+    return None if abs(distance - 1.0) < 1e-5 else f"Warp computes a distance of {distance} instead of 1"
+
+
+def _distance_to_a_tetrahedron() -> float:
+    """From (0, 0, −1) to the tetrahedron of the origin and the unit axes, which is 1 m away."""
+    import numpy as np  # noqa: PLC0415
+    import torch  # noqa: PLC0415
+
+    from fusion import BodySdf  # noqa: PLC0415
+
+    body = BodySdf(np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]), 4)
+    body.update(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32))
+    return float(body.query(torch.tensor([[0.0, 0.0, -1.0]])).distance[0])

@@ -1,0 +1,114 @@
+"""`imgtransfer evaluate`: how far predictions are from the truth."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from imgtransfer.cli.options import add_clip_choice, chosen_clips, clip_name
+from render import InputError
+
+METHODS = ("fused", "position_only")  # files of a prediction folder, the better first
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> argparse.ArgumentParser:
+    """Add the command's arguments."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "evaluate",
+        help="compare predictions with the truth",
+        description="Distances, perceptual difference and body penetration, per clip and overall.",
+    )
+    parser.add_argument(
+        "prediction",
+        nargs="*",
+        type=Path,
+        help="clip npz with predicted garment vertices, or a folder that predict or fuse wrote",
+    )
+    parser.add_argument("--truth", required=True, type=Path, help="data set, clip npz or folder of clip npz")
+    parser.add_argument(
+        "--method", choices=METHODS, help="which file of a prediction folder; default the best"
+    )
+    parser.add_argument("--baseline", choices=("lbs",), help="measure skinning instead of a prediction")
+    add_clip_choice(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    return parser
+
+
+def run(args: argparse.Namespace) -> None:
+    """Measure and print."""
+    from imgtransfer.evaluation.metrics import evaluate_clip, mean_over_frames  # noqa: PLC0415
+    from imgtransfer.evaluation.table import metrics_json, metrics_table  # noqa: PLC0415
+
+    if bool(args.prediction) == bool(args.baseline):
+        raise InputError("evaluate: give either predictions or --baseline lbs")
+    truths = {clip.name: clip for clip in chosen_clips(args, args.truth)}
+    pairs = _baseline(truths) if args.baseline else _predictions(args, truths)
+    clips, frames = {}, {}
+    for name, predicted in pairs:
+        truth = truths[name]
+        if truth.garment_vertices is None:
+            raise InputError(f"{args.truth}: clip {name} has no garment vertices to compare with")
+        try:
+            clips[name] = evaluate_clip(
+                predicted, truth.garment_vertices, truth.garment_faces, truth.body_vertices, truth.body_faces
+            )
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+        frames[name] = truth.n_frames
+    overall = mean_over_frames((clips[name], frames[name]) for name in clips)
+    print(metrics_json(clips, overall) if args.json else metrics_table({**clips, "overall": overall}))
+
+
+def _baseline(truths: dict) -> Iterator[tuple]:
+    from imgtransfer.evaluation.skinning import lbs_baseline  # noqa: PLC0415
+
+    return ((name, lbs_baseline(clip)) for name, clip in truths.items())
+
+
+def _predictions(args: argparse.Namespace, truths: dict) -> Iterator[tuple]:
+    """Pairs of clip name and predicted vertices (T, N, 3), each checked to have a truth before any is measured."""
+    from imgtransfer.data.clip import load_clip  # noqa: PLC0415
+
+    files = _prediction_files(args.prediction, args.method)
+    if len(files) == len(truths) == 1:  # two files: they are meant for each other, whatever their names
+        files = dict(zip(truths, files.values(), strict=True))
+    unknown = [name for name in files if name not in truths]
+    if unknown and (args.split or args.clip):  # a choice was asked for: the others are left out
+        files = {name: file for name, file in files.items() if name in truths}
+    if (unknown and not (args.split or args.clip)) or not files:
+        raise InputError(
+            f"{args.truth}: no truth for the prediction of {', '.join(unknown)}; it has {', '.join(truths)}"
+        )
+    missing = [name for name in truths if name not in files]
+    if missing and not args.json:
+        print(f"no prediction for {', '.join(missing)}: left out", file=sys.stderr)
+    for name, file in files.items():
+        predicted = load_clip(file).garment_vertices
+        if predicted is None:
+            raise InputError(f"{file}: no garment_vertices, so it predicts nothing")
+        yield name, predicted
+
+
+def _prediction_files(paths: Sequence[Path], method: str | None) -> dict[str, Path]:
+    """The file of each predicted clip, by the clip's name."""
+    names = [f"{stem}.npz" for stem in ([method] if method else METHODS)]
+    files: dict[str, Path] = {}
+    for path in paths:
+        if path.is_file():
+            stem = path.parent.name if path.stem in METHODS else path.stem
+            files[clip_name(stem)] = path
+            continue
+        if not path.is_dir():
+            raise InputError(f"{path}: no such file or folder; a prediction is wanted")
+        folders = [path, *sorted(folder for folder in path.iterdir() if folder.is_dir())]
+        found = {
+            clip_name(f.resolve().name): f / n for f in folders for n in reversed(names) if (f / n).is_file()
+        }
+        if not found and not method:
+            found = {clip_name(file.stem): file for file in sorted(path.glob("*.npz"))}
+        if not found:
+            raise InputError(f"{path}: no prediction in it; wanted are folders with {' or '.join(names)}")
+        files |= found
+    return files

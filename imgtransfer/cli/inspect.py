@@ -1,0 +1,149 @@
+"""`imgtransfer inspect`: what is in a data set, a clip, a map file or a checkpoint."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imgtransfer.cli.options import add_clip_choice, chosen_clips
+from render import InputError
+
+if TYPE_CHECKING:
+    from imgtransfer.data.clip import Clip
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Add the command's arguments."""
+    parser = subparsers.add_parser(
+        "inspect",
+        help="summarise a data set, clip npz, map npz or checkpoint",
+        description="Sizes, splits, edge strain, body penetration, and how much of a garment the views see.",
+    )
+    parser.add_argument(
+        "source", type=Path, help="data set, clip npz, folder of them, map npz, checkpoint or run"
+    )
+    add_clip_choice(parser)
+    parser.add_argument("--views", default="front,back", help="views to count the coverage of")
+    return parser
+
+
+def run(args: argparse.Namespace) -> None:
+    """Find out what the source is, and print its summary."""
+    source: Path = args.source
+    if not source.exists():
+        raise InputError(f"{source}: no such file or folder")
+    checkpoints = sorted(source.glob("*.safetensors")) if source.is_dir() else [source]
+    if checkpoints and checkpoints[0].suffix == ".safetensors":
+        for checkpoint in checkpoints:
+            _checkpoint(checkpoint)
+    elif _is_map_file(source):
+        _maps(source)
+    else:
+        _clips(args)
+
+
+def _clips(args: argparse.Namespace) -> None:
+    from tabulate import tabulate  # noqa: PLC0415
+
+    from imgtransfer.data.store import DataSet  # noqa: PLC0415
+    from imgtransfer.evaluation.summary import summarise  # noqa: PLC0415
+
+    clips = chosen_clips(args, args.source)
+    splits = {}
+    if (args.source / "zarr.json").is_file():
+        data = DataSet.open(args.source)
+        for key in ("title", "source", "licence"):
+            if data.attributes.get(key):
+                print(f"{key}: {data.attributes[key]}")
+        splits = {name: data.split(name) for name in data.names()}
+    rows = []
+    for clip in clips:
+        s = summarise(clip)
+        median, worst = (f"{value:.2f}" for value in s.strain) if s.strain else ("-", "-")
+        inside = "-" if s.penetration is None else f"{s.penetration:.3f}"
+        sizes = f"{s.garment_vertices}/{s.garment_faces}", f"{s.body_vertices}/{s.body_faces}"
+        rows.append(
+            [clip.name, splits.get(clip.name, "-"), s.frames, f"{s.fps:g}", *sizes, median, worst, inside]
+        )
+    headings = [
+        "clip",
+        "split",
+        "frames",
+        "fps",
+        "garment v/f",
+        "body v/f",
+        "strain median %",
+        "99th %",
+        "inside %",
+    ]
+    print(tabulate(rows, headers=headings, disable_numparse=True))
+    print(f"{len(clips)} clips, {sum(clip.n_frames for clip in clips)} frames")
+    _coverage(clips, args.views.split(","))
+
+
+def _coverage(clips: Iterable[Clip], views: list[str]) -> None:
+    """Print what the views see of each template that occurs."""
+    from render import Mesh, TemplateImager  # noqa: PLC0415
+
+    templates = {(clip.template_vertices.tobytes(), clip.garment_faces.tobytes()): clip for clip in clips}
+    for clip in templates.values():
+        template = Mesh(clip.template_vertices, clip.garment_faces, f"{clip.name}: garment")
+        seen = TemplateImager.build(template, views=views).visible
+        shares = [f"{view} {100 * share:.1f} %" for view, share in zip(views, seen.mean(axis=1), strict=True)]
+        together = 100 * seen.any(axis=0).mean()
+        print(f"vertices seen of {clip.name}: {', '.join(shares)}, by any {together:.1f} %")
+
+
+def _is_map_file(source: Path) -> bool:
+    import zipfile  # noqa: PLC0415
+
+    return (
+        source.suffix == ".npz"
+        and zipfile.is_zipfile(source)
+        and "view_matrices.npy" in zipfile.ZipFile(source).namelist()
+    )
+
+
+def _maps(source: Path) -> None:
+    from render import load_maps  # noqa: PLC0415
+
+    maps = load_maps(source)
+    height, width = maps.mask.shape[1:]
+    kinds = [kind for kind in ("position", "normal") if getattr(maps, kind) is not None]
+    print(f"maps: {' and '.join(kinds)}, {len(maps.rotation)} frames at {maps.fps:g} fps")
+    print(f"views: {', '.join(maps.views)}, {height} x {width} pixels (height x width)")
+    covered = [
+        f"{view} {100 * share:.1f} %" for view, share in zip(maps.views, maps.mask.mean((1, 2)), strict=True)
+    ]
+    print(f"covered pixels: {', '.join(covered)}")
+    print(f"box: {maps.box.lo.round(3).tolist()} to {maps.box.hi.round(3).tolist()} m")
+    print(f"template: {len(maps.template_vertices)} vertices, {len(maps.template_faces)} faces")
+
+
+def _checkpoint(source: Path) -> None:
+    from safetensors import SafetensorError, safe_open  # noqa: PLC0415
+
+    try:
+        with safe_open(source, framework="numpy") as stored:
+            shapes = {name: stored.get_slice(name) for name in stored.keys()}  # noqa: SIM118 - not a dictionary
+            parts: dict[str, int] = {}
+            for name, tensor in shapes.items():
+                count = 1
+                for length in tensor.get_shape():
+                    count *= length
+                part = ".".join(name.split(".")[:2])
+                parts[part] = parts.get(part, 0) + count
+            kinds = sorted({tensor.get_dtype() for tensor in shapes.values()})
+            metadata = stored.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise InputError(f"{source}: not a readable safetensors file ({error})") from error
+    size = source.stat().st_size / 1e6
+    print(
+        f"{source}: {len(shapes)} tensors, {sum(parts.values()):,} numbers ({', '.join(kinds)}), {size:.1f} MB"
+    )
+    for part, count in parts.items():
+        print(f"  {part:32} {count:>12,}")
+    for key, value in metadata.items():
+        print(f"  {key}: {value if len(value) <= 100 else value[:97] + '...'}")

@@ -1,0 +1,69 @@
+"""Command-line arguments that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from render import InputError
+
+if TYPE_CHECKING:  # `--help` must not wait for the array libraries
+    from imgtransfer.data.clip import Clip
+
+
+def add_clip_choice(parser: argparse.ArgumentParser) -> None:
+    """Add --split and --clip, which choose among the clips of a source."""
+    parser.add_argument("--split", help="only the clips of this split (data sets only)")
+    parser.add_argument(
+        "--clip", action="append", metavar="GLOB", help="only clips whose name matches; may be given again"
+    )
+
+
+def chosen_clips(args: argparse.Namespace, source: str) -> list[Clip]:
+    """The clips of `source` that --split and --clip choose."""
+    from imgtransfer.data.source import open_clips  # noqa: PLC0415
+
+    return open_clips(source, split=args.split, names=args.clip)
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """ "256" or "HxW" -> (height, width)."""
+    parts = text.lower().split("x")
+    if len(parts) > 2 or not all(part.isdigit() and int(part) > 0 for part in parts):
+        raise InputError(f"--size {text}: a number of pixels is wanted, such as 256, or HEIGHTxWIDTH")
+    return int(parts[0]), int(parts[-1])
+
+
+def frame_slice(text: str) -> slice:
+    """ "START:STOP:STEP", each part optional, or one frame number -> slice."""
+    try:
+        parts = [int(part) if part else None for part in text.split(":")]
+        if len(parts) == 1 and parts[0] is not None:
+            return slice(parts[0], parts[0] + 1 or None)
+        if 2 <= len(parts) <= 3 and (len(parts) < 3 or parts[2] is None or parts[2] > 0):
+            return slice(*parts)
+    except ValueError:
+        pass
+    raise InputError(f"--frames {text}: wanted is a frame number or START:STOP:STEP, such as 0:60:10")
+
+
+def cut_frames(clip: Clip, text: str) -> Clip:
+    """The clip with only the frames that --frames names.
+
+    Raises:
+        InputError: it names none of them.
+    """
+    frames = frame_slice(text)
+    if len(range(clip.n_frames)[frames]) == 0:
+        raise InputError(f"--frames {text}: {clip.name} has {clip.n_frames} frames, none of these")
+    return clip.slice(frames)
+
+
+def folder_name(clip_name: str) -> str:
+    """The folder that holds what is made from a clip: "tshirt/walk" -> "tshirt__walk"."""
+    return clip_name.replace("/", "__")
+
+
+def clip_name(folder: str) -> str:
+    """The inverse of `folder_name`."""
+    return folder.replace("__", "/")

@@ -1,0 +1,76 @@
+"""Facts about a clip that show at a glance whether it can be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imgtransfer.data.clip import Clip
+from imgtransfer.evaluation.metrics import penetration_percent
+from render import Mesh
+
+SAMPLED_FRAMES = 12
+
+
+@dataclass(frozen=True)
+class ClipSummary:
+    """What `imgtransfer inspect` prints of one clip.
+
+    Args:
+        name: the clip's name. frames, fps: its length and rate.
+        garment_vertices, garment_faces, body_vertices, body_faces: sizes of the meshes.
+        strain: median and 99th percentile of |l / l₀ − 1| over edges of the garment, l₀ being the template's,
+            per cent; None without a garment.
+        penetration: share of garment vertices inside the body, per cent; None without a garment.
+        sampled: frames that the last two were measured on, spread evenly.
+    """
+
+    name: str
+    frames: int
+    fps: float
+    garment_vertices: int
+    garment_faces: int
+    body_vertices: int
+    body_faces: int
+    strain: tuple[float, float] | None
+    penetration: float | None
+    sampled: int
+
+
+def summarise(clip: Clip) -> ClipSummary:
+    """Measure a clip on at most `SAMPLED_FRAMES` of its frames."""
+    chosen = np.unique(np.linspace(0, clip.n_frames - 1, SAMPLED_FRAMES).round().astype(int))
+    strain = penetration = None
+    if clip.garment_vertices is not None:
+        garment = clip.garment_vertices[chosen]
+        stretched = np.abs(edge_strain(garment, clip.template_vertices, clip.garment_faces))
+        strain = 100 * float(np.median(stretched)), 100 * float(np.percentile(stretched, 99))
+        penetration = penetration_percent(garment, clip.body_vertices[chosen], clip.body_faces)
+    return ClipSummary(
+        name=clip.name,
+        frames=clip.n_frames,
+        fps=clip.fps,
+        garment_vertices=len(clip.template_vertices),
+        garment_faces=len(clip.garment_faces),
+        body_vertices=len(clip.body_rest),
+        body_faces=len(clip.body_faces),
+        strain=strain,
+        penetration=penetration,
+        sampled=len(chosen),
+    )
+
+
+def edge_strain(vertices: np.ndarray, template: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """l / l₀ − 1 of every edge: vertices (T, N, 3) and template (N, 3) -> (T, E) float64.
+
+    Edges of the template without length are left out.
+    """
+    edges = Mesh(template, faces, "template").edges
+
+    def lengths(points: np.ndarray) -> np.ndarray:
+        points = points.astype(np.float64)
+        return np.linalg.norm(points[..., edges[:, 1], :] - points[..., edges[:, 0], :], axis=-1)
+
+    rest = lengths(template)
+    return lengths(vertices)[..., rest > 0] / rest[rest > 0] - 1
