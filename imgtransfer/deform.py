@@ -1,0 +1,65 @@
+"""The whole method in one call: a body in motion in, the deformed garment out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fusion import FusionConfig, fuse
+from imgtransfer.data.clip import Clip
+from render import decode_normals
+
+if TYPE_CHECKING:
+    from imgtransfer.network.model import Prediction, TransferModel
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation:
+    """A clip deformed by a model.
+
+    Args:
+        prediction: the maps.
+        position_only: (T, N, 3) float32, metres, world: read from the position maps, nothing optimised.
+        fused: (T, N, 3) float32, metres, world: after both stages of the fusion (section 3.3).
+        report: what `fusion.fuse` says of the optimisation.
+    """
+
+    prediction: Prediction
+    position_only: np.ndarray
+    fused: np.ndarray
+    report: dict[str, Any]
+
+
+def deform(
+    model: TransferModel,
+    clip: Clip,
+    config: FusionConfig | None = None,
+    *,
+    progress: Callable[[int], object] | None = None,
+) -> Deformation:
+    """Predict the maps of every frame and fuse them over the clip's body; the clip's own garment motion is not used.
+
+    Args:
+        model: from `imgtransfer.training.checkpoint.load_model`.
+        clip: a body in motion and the model's garment.
+        config: of the fusion; the paper's if None.
+        progress: called with a number of frames after each batch that is fused.
+
+    Raises:
+        InputError: the clip's garment is not the model's.
+    """
+    prediction = model.predict(clip)
+    result = fuse(
+        prediction.imager,
+        positions=prediction.metres(),
+        normals=decode_normals(prediction.normals),
+        body_vertices=prediction.frames.to_canonical(clip.body_vertices),
+        body_faces=clip.body_faces,
+        config=config,
+        progress=progress,
+    )
+    to_world = prediction.frames.to_world
+    return Deformation(prediction, to_world(result.initial), to_world(result.vertices), result.report)

@@ -1,0 +1,146 @@
+"""The pictures of the demo's report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from imgtransfer.report.html import Picture
+from imgtransfer.report.pictures import (
+    SKIN,
+    Surface,
+    curve_picture,
+    error_picture,
+    mesh_picture,
+    picture_camera,
+)
+from render import Mesh, TemplateImager, contact_sheet
+from render.pictures import difference_picture
+
+if TYPE_CHECKING:
+    from imgtransfer.report.demo import Case
+
+LIMIT_MM = 60.0  # the brightest error colour, one scale for all methods
+COLUMNS = 4  # frames shown of a clip
+
+
+def overview(case: Case) -> Picture:
+    """One frame from inputs to result: template, posed body, its maps, the predicted maps, the fused garment."""
+    clip, deformation = case.truth, case.maps["pretrained"]
+    frame = clip.n_frames // 2
+    prediction = deformation.prediction
+    body = prediction.frames.to_canonical(clip.body_vertices)[frame]
+    garment = prediction.frames.to_canonical(deformation.fused)[frame]
+    imager = prediction.imager
+    body_imager = TemplateImager.build(Mesh(clip.body_rest, clip.body_faces), cameras=imager.cameras)
+    posed = torch.from_numpy(body)
+    size = (300, 214)
+    camera = picture_camera(np.concatenate([body, garment]), size=size)
+    template = mesh_picture(
+        [Surface(clip.body_rest, clip.body_faces, SKIN), Surface(clip.template_vertices, clip.garment_faces)],
+        picture_camera(clip.body_rest, size=size),
+    )
+    images = [
+        template,
+        mesh_picture([Surface(body, clip.body_faces, SKIN)], camera),
+        _on_white(
+            body_imager.position_maps(posed, prediction.box)[0].numpy(), body_imager.mask[0].numpy(), 300
+        ),
+        _on_white(body_imager.normal_maps(posed)[0].numpy(), body_imager.mask[0].numpy(), 300),
+        _on_white(prediction.positions[frame, 0].numpy(), imager.mask[0].numpy(), 300),
+        _on_white(prediction.normals[frame, 0].numpy(), imager.mask[0].numpy(), 300),
+        mesh_picture([Surface(body, clip.body_faces, SKIN), Surface(garment, clip.garment_faces)], camera),
+    ]
+    labels = ["template", "posed body", "its positions", "its normals", "predicted positions"]
+    sheet = contact_sheet([images], column_labels=[*labels, "predicted normals", "fused garment"], gap=10)
+    return Picture(sheet, f"{clip.name}, frame {frame}, front view, pretrained model")
+
+
+def maps(case: Case, model: str) -> Picture:
+    """True and predicted maps of one frame, and their difference; both views."""
+    clip, prediction = case.truth, case.maps[model].prediction
+    assert clip.garment_vertices is not None
+    frame = clip.n_frames // 2
+    imager, box = prediction.imager, prediction.box
+    truth = torch.from_numpy(prediction.frames.to_canonical(clip.garment_vertices)[frame])
+    extent_mm = 1e3 * (box.hi - box.lo)
+    kinds = {
+        "positions": (
+            imager.position_maps(truth, box),
+            prediction.positions[frame],
+            extent_mm,
+            "mm",
+            LIMIT_MM,
+        ),
+        "normals": (imager.normal_maps(truth), prediction.normals[frame], 2.0, "", 1.0),
+    }
+    rows, labels = [], []
+    for name, (true, predicted, scale, unit, limit) in kinds.items():
+        for view, camera in enumerate(imager.cameras):
+            mask = imager.mask[view].numpy()
+            pair = [image[view].numpy() for image in (true, predicted)]
+            difference = difference_picture(*(image * scale for image in pair), mask, unit=unit, limit=limit)
+            rows.append([*(_on_white(image, mask) for image in pair), difference])
+            labels.append(f"{name}, {camera.name}")
+    # Two rows of the sheet a kind: front and back beside each other.
+    rows = [[*rows[i], *rows[i + 1]] for i in range(0, len(rows), 2)]
+    sheet = contact_sheet(rows, row_labels=labels[::2], column_labels=["true", "predicted", "difference"] * 2)
+    return Picture(sheet, f"{clip.name}, frame {frame}, model {model}")
+
+
+def meshes(case: Case) -> Picture:
+    """The simulated garment and every method's, coloured by error, at some frames of the clip."""
+    clip = case.truth
+    assert clip.garment_vertices is not None
+    frames = np.linspace(0.1, 0.95, COLUMNS) * (clip.n_frames - 1)
+    rows: list[list[np.ndarray]] = [[] for _ in range(1 + len(case.vertices))]
+    for frame in frames.astype(int):
+        body = Surface(clip.body_vertices[frame], clip.body_faces, SKIN)
+        truth = Surface(clip.garment_vertices[frame], clip.garment_faces)
+        camera = picture_camera(truth.vertices, size=(260, 230))
+        rows[0].append(mesh_picture([body, truth], camera))
+        for row, (method, vertices) in zip(rows[1:], case.vertices.items(), strict=True):
+            garment = Surface(vertices[frame], clip.garment_faces)
+            error = case.error_mm(method)[frame]
+            row.append(error_picture(garment, error, limit_mm=LIMIT_MM, body=body, camera=camera))
+    labels = ["simulated", *(f"{m}, mean {case.error_mm(m).mean():.1f} mm" for m in case.vertices)]
+    columns = [f"frame {int(frame)}" for frame in frames]
+    return Picture(contact_sheet(rows, row_labels=labels, column_labels=columns), clip.name)
+
+
+def curves(log: Sequence[Mapping[str, Any]]) -> list[Picture]:
+    """Training losses (means over short stretches) and validation errors over steps."""
+    steps = [entry for entry in log if "position_loss" in entry]
+    stretch = max(1, len(steps) // 100)
+    groups = [steps[i : i + stretch] for i in range(0, len(steps), stretch)]
+    losses = {
+        name: (
+            [g[-1]["step"] for g in groups],
+            [float(np.mean([e[f"{name}_loss"] for e in g])) for g in groups],
+        )
+        for name in ("position", "normal")
+    }
+    measured = [entry for entry in log if "position_mm" in entry]
+    x = [entry["step"] for entry in measured]
+    pictures = [Picture(curve_picture(losses, title="masked L1"), "training")]
+    for key, label in (("position_mm", "position error (mm)"), ("normal_degrees", "normal error (degrees)")):
+        lines = {"network": (x, [entry[key] for entry in measured])}
+        if f"guess_{key}" in measured[0]:
+            lines["first guess"] = (x, [entry[f"guess_{key}"] for entry in measured])
+        pictures.append(
+            Picture(curve_picture(lines, title=label, y_label="", logarithmic=False), "validation")
+        )
+    return pictures
+
+
+def _on_white(image: np.ndarray, mask: np.ndarray, height: int | None = None) -> np.ndarray:
+    """(H, W, 3) map in [0, 1] -> the same with a white background, scaled to `height` by whole pixels if given."""
+    shown = np.where(mask[..., None], image, 1.0).clip(0, 1)
+    if height is None:
+        return shown
+    rows = (np.arange(height) * image.shape[0] // height).astype(int)
+    columns = (np.arange(height * image.shape[1] // image.shape[0]) * image.shape[0] // height).astype(int)
+    return shown[rows[:, None], columns]
