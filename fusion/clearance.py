@@ -14,10 +14,11 @@ _FOLLOW = 0.5
 def clear_body(
     vertices: torch.Tensor, sdf: BodySdf, topology: Topology, *, clearance_m: float, rounds: int
 ) -> torch.Tensor:
-    """Lift vertices that are nearer to the body than `clearance_m`, or inside it, along the distance's gradient.
+    """Lift vertices that are nearer to the body than `clearance_m`, or inside it, along the distance's
+    gradient.
 
-    Neighbours that have clearance themselves follow half of the way, on average over their neighbours. In the last
-    round nothing follows, so that it cannot push anything back in.
+    Neighbours that have clearance themselves follow half of the way, on average over their neighbours. In the
+    last round nothing follows, so that it cannot push anything back in.
 
     Args:
         vertices: (T, N, 3) metres, not changed.

@@ -2,57 +2,89 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pathlib import Path
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from render.errors import InputError
 
 
 class FusionConfig(BaseModel):
     """Weights and schedule of the fusion; the defaults are those of section 4.2 of the paper, for a T-shirt.
 
-    The weights apply to lengths in centimetres (edge and displacement terms in cm², collision in cm). The paper does
-    not name its unit; with metres its edge weight is too weak to hold the cloth together, and the normal stage then
-    makes the vertices worse than it found them.
+    The weights apply to lengths in centimetres (edge and displacement terms in cm², collision in cm). The
+    paper does not name its unit; with metres its edge weight is too weak to hold the cloth together, and the
+    normal stage then makes the vertices worse than it found them.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     learning_rate_m: float = Field(
-        1e-3,
+        default=1e-3,
         gt=0,
         lt=0.1,
         description="Adam's step in metres: about how far a vertex can move per step and axis.",
     )
-    edge_steps: int = Field(100, ge=0, description="Steps of the first stage (edge lengths); 0 skips it.")
-    normal_steps: int = Field(
-        100, ge=0, description="Steps of the second stage (normals, collision); 0 skips it."
+    edge_steps: int = Field(
+        default=100, ge=0, description="Steps of the first stage (edge lengths); 0 skips it."
     )
-    weight_displacement: float = Field(0.02, ge=0, description="λ_rv, per cm², both stages.")
+    normal_steps: int = Field(
+        default=100, ge=0, description="Steps of the second stage (normals, collision); 0 skips it."
+    )
+    weight_displacement: float = Field(default=0.02, ge=0, description="λ_rv, per cm², both stages.")
     weight_edge: float = Field(
-        100.0, ge=0, description="λ_e, per cm², second stage (the first has weight 1)."
+        default=100.0, ge=0, description="λ_e, per cm², second stage (the first has weight 1)."
     )
     weight_consistency: float = Field(
-        0.001, ge=0, description="λ_rn, no unit; the paper takes 0.01 for garments other than the T-shirt."
+        default=0.001,
+        ge=0,
+        description="λ_rn, no unit; the paper takes 0.01 for garments other than the T-shirt.",
     )
-    weight_collision: float = Field(100.0, ge=0, description="λ_c, per cm.")
+    weight_collision: float = Field(default=100.0, ge=0, description="λ_c, per cm.")
     collision_margin_m: float = Field(
-        0.0,
+        default=0.0,
         ge=0,
         lt=0.05,
         description="Metres of clearance below which a vertex counts as inside; the paper's is 0.",
     )
     sdf_every_steps: int = Field(
-        5,
+        default=5,
         ge=1,
         description="Steps between two distance queries; in between, the distance is linear in the vertices.",
     )
     clearance_m: float = Field(
-        0.001,
+        default=0.001,
         ge=0,
         lt=0.05,
         description="Metres from the body to which the final clean-up lifts nearer vertices.",
     )
     clearance_rounds: int = Field(
-        10, ge=0, description="Rounds of the final clean-up at most; 0 leaves the vertices as optimised."
+        default=10,
+        ge=0,
+        description="Rounds of the final clean-up at most; 0 leaves the vertices as optimised.",
     )
     batch_frames: int = Field(
-        8, ge=1, description="Frames solved together; changes memory and speed, not results."
+        default=8, ge=1, description="Frames solved together; changes memory and speed, not results."
     )
+
+
+def load_config(path: Path | str) -> FusionConfig:
+    """Read a YAML file that holds only what differs from the defaults.
+
+    Raises:
+        InputError: no such file, no YAML mapping, an unknown key, or a value out of range.
+    """
+    path = Path(path)
+    try:
+        values = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
+    if values is not None and not isinstance(values, dict):
+        raise InputError(f"{path}: a mapping of names to values is wanted, found a {type(values).__name__}")
+    try:
+        return FusionConfig(**(values or {}))
+    except ValidationError as error:
+        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        names = ", ".join(FusionConfig.model_fields)
+        raise InputError(f"{path}: {faults} (known names: {names})") from error

@@ -14,14 +14,12 @@ from fusion.adam import Minimum, edge_stage, normal_stage
 from fusion.clearance import clear_body
 from fusion.config import FusionConfig
 from fusion.initialise import InitialWeights
+from fusion.inputs import Array, FusionInputs
 from fusion.sdf import BodySdf
 from fusion.topology import Topology
-from render.errors import InputError
 from render.imager import TemplateImager
 from render.mesh import safe_normalize
 from render.operator import SparseProduct
-
-Array = np.ndarray | torch.Tensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +29,9 @@ class FusionResult:
     Args:
         vertices: (T, N, 3) float32, metres.
         initial: (T, N, 3) float32, metres, before any optimisation.
-        report: plain numbers by name: `terms` at the start and end of each stage (mean over frames, unweighted,
-            lengths in metres), `unseen_percent` of the vertices, `penetration_percent` before and after the
-            clean-up (where there is a body), `seconds`, `seconds_per_frame`.
+        report: plain numbers by name: `terms` at the start and end of each stage (mean over frames,
+            unweighted, lengths in metres), `unseen_percent` of the vertices, `penetration_percent` before and
+            after the clean-up (where there is a body), `seconds`, `seconds_per_frame`.
     """
 
     vertices: np.ndarray
@@ -55,9 +53,9 @@ def fuse(
 ) -> FusionResult:
     """Recover the garment from its maps.
 
-    With position maps: initialisation and edge stage. Then, if there are normals or a body, the second stage with
-    the terms that they allow, and with a body the clean-up. Frames are independent; the result does not depend on
-    how they are batched, and repeats exactly.
+    With position maps: initialisation and edge stage. Then, if there are normals or a body, the second stage
+    with the terms that they allow, and with a body the clean-up. Frames are independent; the result does not
+    depend on how they are batched beyond float rounding, and repeats exactly.
 
     Args:
         imager: of the garment's template, with the cameras of the maps.
@@ -71,11 +69,18 @@ def fuse(
         progress: called with the number of frames after each batch of them.
 
     Raises:
-        InputError: neither or both of `positions` and `initial`; shapes that do not fit; values under the mask
-            that are not finite; a template that no view sees.
+        InputError: neither or both of `positions` and `initial`; shapes that do not fit; values under the
+            mask that are not finite; a template that no view sees.
     """
     config = config or FusionConfig()
-    inputs = _Inputs(imager, positions, normals, initial, body_vertices, body_faces)
+    inputs = FusionInputs(
+        imager,
+        positions=positions,
+        normals=normals,
+        initial=initial,
+        body_vertices=body_vertices,
+        body_faces=body_faces,
+    )
     started = time.perf_counter()
     solver = _Solver(imager, inputs, config, torch.device(device))
     pieces = []
@@ -87,56 +92,6 @@ def fuse(
     report = _report(pieces, time.perf_counter() - started)
     report["unseen_percent"] = 100 * float(1 - imager.visible.any(axis=0).mean())
     return FusionResult(vertices, start, report)
-
-
-class _Inputs:
-    """The arguments of `fuse`, checked, as arrays on the CPU."""
-
-    def __init__(
-        self,
-        imager: TemplateImager,
-        positions: Array | None,
-        normals: Array | None,
-        initial: Array | None,
-        body_vertices: Array | None,
-        body_faces: Array | None,
-    ) -> None:
-        if (positions is None) == (initial is None):
-            raise InputError("fuse: give position maps or initial vertices to start from, and not both")
-        if (body_vertices is None) != (body_faces is None):
-            raise InputError("fuse: body_vertices and body_faces belong together, found only one of them")
-        start = positions if positions is not None else initial
-        assert start is not None
-        self.n_frames = len(start)
-        maps = (self.n_frames, *imager.mask.shape, 3)
-        mask = imager.mask
-        self.positions = _checked("positions", positions, maps, mask)
-        self.normals = _checked("normals", normals, maps, mask)
-        self.initial = _checked("initial", initial, (self.n_frames, len(imager.mesh.vertices), 3))
-        n_body = 0 if body_vertices is None else int(body_vertices.shape[-2])
-        self.body_vertices = _checked("body_vertices", body_vertices, (self.n_frames, n_body, 3))
-        self.body_faces = body_faces
-        if self.n_frames == 0:
-            raise InputError("fuse: no frames; the first axis of the maps is the frame")
-
-
-def _checked(
-    name: str, values: Array | None, shape: tuple[int, ...], mask: torch.Tensor | None = None
-) -> torch.Tensor | None:
-    """Float32 on the CPU; InputError for another shape, or a value that is not finite (under the mask)."""
-    if values is None:
-        return None
-    tensor = torch.as_tensor(values).detach().to("cpu", torch.float32)
-    if tuple(tensor.shape) != shape:
-        raise InputError(f"fuse: {name} must have shape {shape}, found {tuple(tensor.shape)}")
-    finite = torch.isfinite(tensor).all(-1)
-    bad = ~finite if mask is None else ~finite & mask
-    if bool(bad.any()):
-        first = bad.nonzero()[0].tolist()
-        raise InputError(
-            f"fuse: {name} has {int(bad.sum())} values that are not finite, the first at {first}"
-        )
-    return tensor if mask is None else torch.where(mask[..., None], tensor, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +110,7 @@ class _Solver:
     """All that is constant over the frames, and the solution of a batch of them."""
 
     def __init__(
-        self, imager: TemplateImager, inputs: _Inputs, config: FusionConfig, device: torch.device
+        self, imager: TemplateImager, inputs: FusionInputs, config: FusionConfig, device: torch.device
     ) -> None:
         self._inputs, self._config, self._device = inputs, config, device
         self._imager = imager
@@ -227,7 +182,7 @@ class _Solver:
 
 
 def covered_pixels(imager: TemplateImager) -> tuple[SparseProduct, torch.Tensor]:
-    """The interpolation B without its empty rows, and where the P covered pixels lie among all S·H·W: (P,) int64."""
+    """The interpolation B without its empty rows, and where the P covered pixels are among all: (P,) int64."""
     places = np.flatnonzero(imager.raster.mask)
     corners = imager.mesh.faces[imager.raster.face_id.reshape(-1)[places]]
     weights = imager.raster.barycentric.reshape(-1, 3)[places]

@@ -21,10 +21,11 @@ _GRAZING = 0.01
 def initial_vertices(imager: TemplateImager, positions: torch.Tensor) -> torch.Tensor:
     """Read every vertex from the position maps.
 
-    A visible vertex takes the value of the maps at its projection; where several views see it, their mean, weighted
-    by how frontally each sees the template there. A vertex that no view sees takes the values at the closest visible
-    vertices of the two views that have the closest ones (front and back, for the paper's views), interpolated
-    linearly by distance. Distances run along the template's edges, so that a sleeve does not borrow from the torso.
+    A visible vertex takes the value of the maps at its projection; where several views see it, their mean,
+    weighted by how frontally each sees the template there. A vertex that no view sees takes the values at the
+    closest visible vertices of the two views that have the closest ones (front and back, for the paper's
+    views), interpolated linearly by distance. Distances run along the template's edges, so that a sleeve does
+    not borrow from the torso.
 
     Args:
         imager: of the template.
@@ -55,7 +56,8 @@ class InitialWeights:
         self.seen = imager.visible.any(axis=0)
         if not self.seen.any():
             raise InputError(
-                f"{imager.mesh.source}: no view sees any of its {n} vertices; use larger maps or frame the cameras on it"
+                f"{imager.mesh.source}: no view sees any of its {n} vertices; "
+                "use larger maps or frame the cameras on it"
             )
         frontal = np.stack([_frontality(imager.mesh, camera) for camera in imager.cameras])
         weight = np.where(imager.visible, frontal, 0) / np.where(imager.visible, frontal, 0).sum(0).clip(
@@ -83,7 +85,7 @@ def _frontality(mesh: Mesh, camera: Camera) -> np.ndarray:
 
 
 def _between_views(mesh: Mesh, visible: np.ndarray) -> scipy.sparse.csr_matrix:
-    """(N, N) weights over seen vertices: the identity for seen ones, two closest ones of two views for the others."""
+    """(N, N) weights over seen vertices: the identity for seen ones, the closest of two views for others."""
     n, seen = visible.shape[1], visible.any(axis=0)
     unseen = np.flatnonzero(~seen)
     distance, source = _closest_along_edges(mesh, visible)

@@ -12,8 +12,8 @@ from render.operator import SparseProduct
 class Topology:
     """Edges, rest lengths and normals of one template as sparse products; built once, used at every step.
 
-    Device and dtype (float32 or float64) follow the tensors it is given. Tensors are (..., N, 3); they are fastest
-    when all numbers of one vertex lie together in memory, as `vertices_first` arranges them.
+    Device and dtype (float32 or float64) follow the tensors it is given. Tensors are (..., N, 3); they are
+    fastest when all numbers of one vertex lie together in memory, as `vertices_first` arranges them.
 
     Args:
         mesh: the template.
