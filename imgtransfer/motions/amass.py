@@ -1,0 +1,59 @@
+"""Reader of AMASS-style npz motion files, y up."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from imgtransfer.bodies.smpl import JOINTS
+from imgtransfer.motions.motion import Motion, resample
+from render import InputError
+
+BODY_COLUMNS = 3 * len(JOINTS)
+
+
+def load_amass(path: str | Path, *, fps: float = 30.0) -> Motion:
+    """Read a motion and resample it.
+
+    The file holds `poses` (T, 66 or more; columns after the 22 body joints, such as hands, are left out), `trans`
+    (T, 3), `mocap_framerate` (or `mocap_frame_rate`), and optionally `leg_length`. Original AMASS files have z up:
+    turn root orientation and path by −90° about x first.
+
+    Raises:
+        InputError: no such file, not an npz of plain arrays, a missing array, or one of a wrong shape.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; an AMASS-style npz with poses, trans and mocap_framerate is wanted")
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            wanted = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "leg_length")
+            arrays = {key: stored[key] for key in wanted if key in stored.files}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
+    if "mocap_frame_rate" in arrays:  # the spelling of SMPL-X releases
+        arrays.setdefault("mocap_framerate", arrays.pop("mocap_frame_rate"))
+    missing = [key for key in ("poses", "trans", "mocap_framerate") if key not in arrays]
+    if missing:
+        raise InputError(f"{path}: lacks {', '.join(missing)}; an AMASS-style npz has poses, trans, mocap_framerate")
+    poses, trans = arrays["poses"], arrays["trans"]
+    for key, value in arrays.items():
+        if value.dtype.kind not in "fiu":
+            raise InputError(f"{path}: {key} must hold numbers, found {value.dtype}")
+    if poses.ndim != 2 or poses.shape[1] < BODY_COLUMNS:
+        raise InputError(f"{path}: poses must have shape (T, {BODY_COLUMNS} or more), found {poses.shape}")
+    if arrays["mocap_framerate"].size != 1:
+        raise InputError(f"{path}: mocap_framerate must be one number")
+    leg = arrays.get("leg_length")
+    if leg is not None and (leg.size != 1 or not float(leg.reshape(())) > 0):
+        raise InputError(f"{path}: leg_length must be one positive number of metres, found {leg}")
+    motion = Motion(
+        poses[:, :BODY_COLUMNS].astype(np.float64).reshape(len(poses), len(JOINTS), 3),
+        trans.astype(np.float64),
+        float(arrays["mocap_framerate"].reshape(())),
+        path.stem,
+        None if leg is None else float(leg.reshape(())),
+    )
+    return resample(motion, fps)

@@ -1,0 +1,74 @@
+"""The project's own motions: parametric joint-angle curves, so that a bare clone can make training data."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from imgtransfer.bodies.smpl import HIP_MIDDLE, INDEX, global_rotations, segment_direction
+from imgtransfer.motions.kinds import KINDS, Clock
+from imgtransfer.motions.limits import NEUTRAL, SIDES, poses_from_angles, within_limits
+from imgtransfer.motions.motion import Motion
+from render import InputError
+
+THIGH, SHIN, ANKLE_HEIGHT = 0.40, 0.40, 0.06  # metres
+BLEND_IN = 0.6  # seconds from standing into the motion
+STEP_LENGTH = 0.9  # share of the legs' swing that walking turns into way
+
+
+def make_motion(
+    kind: str, *, seed: int = 0, tempo: float = 1.0, seconds: float = 2.5, fps: float = 30.0
+) -> Motion:
+    """A motion of the library.
+
+    Args:
+        kind: a key of `imgtransfer.motions.kinds.KINDS`.
+        seed: chooses amplitudes, phases and asymmetry; the same arguments always give the same motion.
+        tempo: 1 is usual, 2 is twice as fast.
+
+    Raises:
+        InputError: an unknown kind, or a tempo, duration or frame rate out of range.
+    """
+    if kind not in KINDS:
+        raise InputError(f"motion {kind!r} is not in the library; there are {', '.join(KINDS)}")
+    for name, value, low, high in (("tempo", tempo, 0.1, 5), ("seconds", seconds, 0.2, 600), ("fps", fps, 5, 1000)):
+        if not low <= value <= high:
+            raise InputError(f"motion {kind}: {name} is {value}; a number from {low} to {high} expected")
+    frames = max(2, round(seconds * fps))
+    time = np.arange(frames) / fps
+    random = np.random.default_rng([zlib.crc32(kind.encode()), seed])
+    curves = KINDS[kind](Clock(time, fps, tempo, random))
+    hop = np.maximum(np.broadcast_to(curves.pop("hop", 0.0), (frames,)), 0)
+    angles = within_limits(curves, frames)
+    share = np.clip(time / BLEND_IN, 0, 1)
+    share = share * share * (3 - 2 * share)
+    angles = {name: NEUTRAL[name] + share * (values - NEUTRAL[name]) for name, values in angles.items()}
+    poses = poses_from_angles(angles)
+    trans = _path(poses, share * hop, fps, travels=kind in ("walk", "run", "mixed"))
+    return Motion(poses, trans, fps, f"{kind}_s{seed}", THIGH + SHIN)
+
+
+def _path(poses: np.ndarray, hop: np.ndarray, fps: float, *, travels: bool) -> np.ndarray:
+    """(T, 3) pelvis positions that keep the lower foot on the floor, plus `hop` (T,) metres."""
+    rotations = global_rotations(poses)
+    pelvis = rotations[:, 0]
+    feet = []
+    for side in SIDES:
+        thigh = rotations[:, INDEX[f"{side}_hip"]] @ segment_direction("thigh", side)
+        shin = rotations[:, INDEX[f"{side}_knee"]] @ segment_direction("shin", side)
+        feet.append(pelvis @ HIP_MIDDLE + THIGH * thigh + SHIN * shin)
+    drop = np.stack(feet)[:, :, 1]
+    trans = np.zeros((len(poses), 3))
+    trans[:, 1] = gaussian_filter1d(ANKLE_HEIGHT - drop.min(axis=0), 0.05 * fps, mode="nearest") + hop
+    if travels:
+        # What the standing foot moves back under the body, the body moves forward.
+        forward = pelvis[:, :, 2] * [1.0, 0.0, 1.0]
+        ahead = np.einsum("stk,tk->st", np.stack(feet), forward)
+        back = -np.gradient(ahead, axis=1)
+        standing = drop.argmin(axis=0)
+        step = STEP_LENGTH * np.maximum(back[standing, np.arange(len(poses))], 0)
+        step = gaussian_filter1d(step, 0.15 * fps, mode="nearest")
+        trans += np.cumsum(step[:, None] * forward, axis=0)
+    return trans
