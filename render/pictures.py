@@ -114,7 +114,7 @@ def difference_picture(
         limit: the value of the last colour, larger ones get it too; the 99th percentile if None.
 
     Returns:
-        (H + 44, max(H, W...), 3) uint8, RGB: the picture, and below it the bar from 0 to `limit`.
+        (H + 44, max(W, 60), 3) uint8, RGB: the picture, and below it the bar from 0 to `limit`.
 
     Raises:
         InputError: shapes that differ, or an empty mask.
@@ -129,11 +129,14 @@ def difference_picture(
     top = top if top > 0 else 1.0
     picture = heat_colours(distance / top)
     picture[~mask] = _WHITE
-    return np.concatenate([picture, scale_bar(picture.shape[1], top, unit)])
+    height, width = mask.shape
+    whole = np.full((height, max(width, 60), 3), _WHITE, np.uint8)  # the bar's labels need some room
+    whole[:, :width] = picture
+    return np.concatenate([whole, scale_bar(whole.shape[1], top, unit)])
 
 
 def scale_bar(width: int, top: float, unit: str = "") -> np.ndarray:
-    """(44, width, 3) uint8: the colours of `heat_colours` from 0 to `top`, with both ends labelled."""
+    """(44, width, 3) uint8, width at least 60: `heat_colours` from 0 to `top`, with both ends labelled."""
     bar = np.full((44, width, 3), _WHITE, np.uint8)
     bar[6:20, 4 : width - 4] = heat_colours(np.linspace(0, 1, width - 8))
     label = f"{top:.3g} {unit}".rstrip()

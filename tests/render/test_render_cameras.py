@@ -20,7 +20,8 @@ def test_projection_by_hand_on_a_wide_image():
 
 
 @pytest.mark.parametrize(
-    ("view", "toward"), [("front", (0, 0, 1)), ("back", (0, 0, -1)), ("left", (1, 0, 0)), ("right", (-1, 0, 0))]
+    ("view", "toward"),
+    [("front", (0, 0, 1)), ("back", (0, 0, -1)), ("left", (1, 0, 0)), ("right", (-1, 0, 0))],
 )
 def test_views_stand_on_their_side_and_keep_up(view, toward):
     (camera,) = frame_cameras(sphere(), views=[view])
@@ -31,7 +32,8 @@ def test_views_stand_on_their_side_and_keep_up(view, toward):
 
 
 @pytest.mark.parametrize(
-    ("view", "right_hand_side"), [("front", (1, 0, 0)), ("back", (-1, 0, 0)), ("left", (0, 0, -1)), ("right", (0, 0, 1))]
+    ("view", "right_hand_side"),
+    [("front", (1, 0, 0)), ("back", (-1, 0, 0)), ("left", (0, 0, -1)), ("right", (0, 0, 1))],
 )
 def test_what_lies_to_the_right_in_each_view(view, right_hand_side):
     (camera,) = frame_cameras(sphere(), views=[view])
@@ -40,9 +42,11 @@ def test_what_lies_to_the_right_in_each_view(view, right_hand_side):
 
 @pytest.mark.parametrize("size", [(64, 64), (48, 96), (96, 48)])
 def test_the_box_fits_and_touches_the_margin(size):
-    mesh = Mesh(tube().vertices + [3, 1, -2], tube().faces)
+    mesh = Mesh(tube().vertices + np.array([3, 1, -2]), tube().faces)
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    corners = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
     for camera in frame_cameras(mesh, views=("front", "back", "left", "right"), size=size, margin=0.1):
         share = camera.project(corners)[:, :2] / (size[1], size[0])
         assert share.min() >= 0.1 - 1e-9

@@ -86,7 +86,9 @@ def test_centres_on_the_shared_edge_belong_to_exactly_one_face():
     (camera,) = frame_cameras(two_triangles(), views=["front"], size=(16, 16), fov_degrees=90, margin=0)
     both = reference_face_ids(screen_faces(two_triangles(), camera), camera.size)
     alone = [
-        reference_face_ids(screen_faces(Mesh(two_triangles().vertices, two_triangles().faces[[f]]), camera), (16, 16))
+        reference_face_ids(
+            screen_faces(Mesh(two_triangles().vertices, two_triangles().faces[[f]]), camera), (16, 16)
+        )
         for f in range(2)
     ]
     assert (both >= 0).all()

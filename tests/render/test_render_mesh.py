@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+import torch
+from example_meshes import sphere, two_triangles
+
+from render import InputError, Mesh, vertex_normals
+from render.files import written_whole, written_whole_folder
+
+SQUARE = two_triangles()
+
+
+def test_edges_by_hand():
+    assert SQUARE.edges.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (SQUARE.vertices, np.zeros((0, 3), int), "no faces"),
+        (SQUARE.vertices, [[0, 1, 4]], r"face 0 uses vertices \[0, 1, 4\]"),
+        (SQUARE.vertices, [[0, 1, 2], [0, 1, -1]], "face 1 uses"),
+        (SQUARE.vertices, [[0.0, 1.0, 2.0]], "integers"),
+        (SQUARE.vertices, [[0, 1, 2, 3]], r"\(F, 3\)"),
+        (SQUARE.vertices[:, :2], [[0, 1, 2]], r"\(N, 3\)"),
+        ([[0, 0, 0], [1, 0, np.inf], [0, 1, 0]], [[0, 1, 2]], "vertex 1 is .* not finite"),
+    ],
+)
+def test_unusable_meshes_are_refused(vertices, faces, message):
+    with pytest.raises(InputError, match=message) as caught:
+        Mesh(np.array(vertices), np.array(faces), source="shirt.obj")
+    assert str(caught.value).startswith("shirt.obj: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_vertex_normals_are_weighted_by_area():
+    # At vertex 0 a face of area 0.5 facing +z and one of area 1 facing +x meet.
+    vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 2]], dtype=torch.float64)
+    normals = vertex_normals(vertices, torch.tensor([[0, 1, 2], [0, 2, 3]]))
+    expected = torch.tensor([2.0, 0, 1], dtype=torch.float64) / 5**0.5
+    torch.testing.assert_close(normals[0], expected)
+    torch.testing.assert_close(normals[1], torch.tensor([0.0, 0, 1], dtype=torch.float64))
+    torch.testing.assert_close(normals[3], torch.tensor([1.0, 0, 0], dtype=torch.float64))
+
+
+def test_vertex_normals_of_a_sphere_point_outwards():
+    mesh = sphere()
+    normals = vertex_normals(torch.tensor(mesh.vertices), torch.tensor(mesh.faces))
+    assert (normals * torch.tensor(mesh.vertices) / 0.3).sum(-1).min() > 0.99
+
+
+def test_vertex_normals_without_area_are_zero_with_finite_gradient():
+    vertices = torch.zeros(4, 3, dtype=torch.float64, requires_grad=True)
+    normals = vertex_normals(vertices, torch.tensor([[0, 1, 2]]))
+    normals.sum().backward()
+    assert (normals == 0).all()
+    assert torch.isfinite(vertices.grad).all()
+
+
+def test_vertex_normals_gradient_and_batch():
+    mesh = sphere(around=6, along=5)
+    faces = torch.tensor(mesh.faces)
+    vertices = torch.tensor(mesh.vertices, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda v: vertex_normals(v, faces), vertices)
+    batch = torch.stack([vertices, vertices * torch.tensor([1, 2, 3])])
+    for k in range(2):
+        torch.testing.assert_close(vertex_normals(batch, faces)[k], vertex_normals(batch[k], faces))
+
+
+def test_files_appear_whole_or_not_at_all(tmp_path):
+    target = tmp_path / "new" / "a.txt"
+    with pytest.raises(TypeError), written_whole(target) as temporary:
+        temporary.write_text(None)
+    assert list(target.parent.iterdir()) == []
+    with written_whole(target) as temporary:
+        temporary.write_text("whole")
+    assert target.read_text() == "whole"
+    assert [path.name for path in target.parent.iterdir()] == ["a.txt"]
+
+
+def test_folders_appear_whole_or_not_at_all(tmp_path):
+    target = tmp_path / "data"
+    for text in ("first", "second"):
+        with written_whole_folder(target) as temporary:
+            (temporary / "a.txt").write_text(text)
+    with pytest.raises(TypeError), written_whole_folder(target) as temporary:
+        (temporary / "a.txt").write_text(None)
+    assert (target / "a.txt").read_text() == "second"
+    assert [path.name for path in tmp_path.iterdir()] == ["data"]
