@@ -25,9 +25,9 @@ CORE = (
 )
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> argparse.ArgumentParser:
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Add the command's arguments (none)."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "doctor",
         help="report what works on this machine",
         description="GL, PyTorch, Warp, optional parts, versions. Exit status 0 when it can be used.",
@@ -42,9 +42,7 @@ def run(args: argparse.Namespace) -> None:
         InputError: something without which nothing works is missing.
     """
     del args
-    print(
-        f"{'python':10} {platform.python_version()} on {platform.system()} {platform.machine()}, {_cores()} cores"
-    )
+    print(f"{'python':10} {platform.python_version()} on {platform.system()}, {_cores()} cores")
     broken = [part() for part in (_gl, _torch, _warp)]
     for package, use in OPTIONAL.items():
         found = _version(package)

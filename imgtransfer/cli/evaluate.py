@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from imgtransfer.cli.options import add_clip_choice, chosen_clips, clip_name
 from render import InputError
 
+if TYPE_CHECKING:  # `--help` must not wait for the array libraries
+    import numpy as np
+
+    from imgtransfer.data.clip import Clip
+
+    Pairs = Iterator[tuple[str, np.ndarray]]
+
 METHODS = ("fused", "position_only")  # files of a prediction folder, the better first
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> argparse.ArgumentParser:
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Add the command's arguments."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "evaluate",
         help="compare predictions with the truth",
         description="Distances, perceptual difference and body penetration, per clip and overall.",
@@ -44,51 +52,61 @@ def run(args: argparse.Namespace) -> None:
     if bool(args.prediction) == bool(args.baseline):
         raise InputError("evaluate: give either predictions or --baseline lbs")
     truths = {clip.name: clip for clip in chosen_clips(args, args.truth)}
-    pairs = _baseline(truths) if args.baseline else _predictions(args, truths)
-    clips, frames = {}, {}
-    for name, predicted in pairs:
+    measured = {}
+    for name, predicted in _baseline(truths) if args.baseline else _predictions(args, truths):
         truth = truths[name]
         if truth.garment_vertices is None:
             raise InputError(f"{args.truth}: clip {name} has no garment vertices to compare with")
         try:
-            clips[name] = evaluate_clip(
+            measured[name] = evaluate_clip(
                 predicted, truth.garment_vertices, truth.garment_faces, truth.body_vertices, truth.body_faces
             )
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
-        frames[name] = truth.n_frames
-    overall = mean_over_frames((clips[name], frames[name]) for name in clips)
-    print(metrics_json(clips, overall) if args.json else metrics_table({**clips, "overall": overall}))
+    overall = mean_over_frames((values, truths[name].n_frames) for name, values in measured.items())
+    print(metrics_json(measured, overall) if args.json else metrics_table({**measured, "overall": overall}))
+    if left_out := [name for name in truths if name not in measured]:
+        print(f"no prediction for {', '.join(left_out)}: left out", file=sys.stderr)
 
 
-def _baseline(truths: dict) -> Iterator[tuple]:
+def _baseline(truths: Mapping[str, Clip]) -> Pairs:
     from imgtransfer.evaluation.skinning import lbs_baseline  # noqa: PLC0415
 
     return ((name, lbs_baseline(clip)) for name, clip in truths.items())
 
 
-def _predictions(args: argparse.Namespace, truths: dict) -> Iterator[tuple]:
-    """Pairs of clip name and predicted vertices (T, N, 3), each checked to have a truth before any is measured."""
-    from imgtransfer.data.clip import load_clip  # noqa: PLC0415
-
+def _predictions(args: argparse.Namespace, truths: Mapping[str, Clip]) -> Pairs:
+    """Pairs of clip name and predicted vertices (T, N, 3), each with a truth."""
     files = _prediction_files(args.prediction, args.method)
     if len(files) == len(truths) == 1:  # two files: they are meant for each other, whatever their names
         files = dict(zip(truths, files.values(), strict=True))
     unknown = [name for name in files if name not in truths]
-    if unknown and (args.split or args.clip):  # a choice was asked for: the others are left out
-        files = {name: file for name, file in files.items() if name in truths}
-    if (unknown and not (args.split or args.clip)) or not files:
+    if len(unknown) == len(files) or (unknown and not (args.split or args.clip)):
         raise InputError(
             f"{args.truth}: no truth for the prediction of {', '.join(unknown)}; it has {', '.join(truths)}"
         )
-    missing = [name for name in truths if name not in files]
-    if missing and not args.json:
-        print(f"no prediction for {', '.join(missing)}: left out", file=sys.stderr)
-    for name, file in files.items():
-        predicted = load_clip(file).garment_vertices
-        if predicted is None:
-            raise InputError(f"{file}: no garment_vertices, so it predicts nothing")
-        yield name, predicted
+    return ((name, _predicted_vertices(file)) for name, file in files.items() if name in truths)
+
+
+def _predicted_vertices(file: Path) -> np.ndarray:
+    """The garment vertices (T, N, 3) of a clip npz, or of any npz that has them."""
+    import zipfile  # noqa: PLC0415
+
+    import numpy as np  # noqa: PLC0415
+
+    from render.mesh import check_finite  # noqa: PLC0415
+
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            vertices = stored["garment_vertices"] if "garment_vertices" in stored.files else None
+    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise InputError(f"{file}: not a readable npz of plain arrays ({error})") from error
+    if vertices is None or vertices.ndim != 3 or vertices.shape[2] != 3:
+        raise InputError(
+            f"{file}: predicts nothing; garment_vertices of shape (frames, vertices, 3) are wanted"
+        )
+    check_finite(vertices, f"{file}: garment_vertices")
+    return vertices
 
 
 def _prediction_files(paths: Sequence[Path], method: str | None) -> dict[str, Path]:

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from imgtransfer.data.clip import Clip
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> argparse.ArgumentParser:
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Add the command's arguments."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "export",
         help="write a clip as npz, animated GLB, OBJ or PLY files",
         description="Vertex order never changes. The ending of --out chooses the form.",

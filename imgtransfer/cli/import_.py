@@ -9,12 +9,12 @@ from pathlib import Path
 from render import InputError
 
 
-def add_parser(subparsers: argparse._SubParsersAction) -> argparse.ArgumentParser:
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Add the command's arguments."""
-    parser: argparse.ArgumentParser = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "import",
         help="add clip npz files to a data set",
-        description="The data set is made where there is none. File tshirt_walk.npz becomes clip tshirt/walk.",
+        description="The data set is made where there is none. tshirt_walk.npz becomes tshirt/walk.",
     )
     parser.add_argument("clip", nargs="+", type=Path, help="clip npz file, or a folder of them")
     parser.add_argument("--to", required=True, type=Path, metavar="DATASET", help="the data set's folder")

@@ -140,9 +140,8 @@ def _checkpoint(source: Path) -> None:
     except (SafetensorError, OSError) as error:
         raise InputError(f"{source}: not a readable safetensors file ({error})") from error
     size = source.stat().st_size / 1e6
-    print(
-        f"{source}: {len(shapes)} tensors, {sum(parts.values()):,} numbers ({', '.join(kinds)}), {size:.1f} MB"
-    )
+    total = sum(parts.values())
+    print(f"{source}: {len(shapes)} tensors, {total:,} numbers ({', '.join(kinds)}), {size:.1f} MB")
     for part, count in parts.items():
         print(f"  {part:32} {count:>12,}")
     for key, value in metadata.items():

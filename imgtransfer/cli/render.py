@@ -22,8 +22,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = subparsers.add_parser(
         "render",
         help="write the maps of clips, as npz and as PNG contact sheets",
-        description="For each clip a folder with garment.npz, body.npz and sheets of positions, normals, mask "
-        "and depth. Both are seen by the same cameras and encoded by the garment's box.",
+        description="For each clip a folder with garment.npz, body.npz and sheets of positions, normals, "
+        "mask and depth. Both are seen by the same cameras and encoded by the garment's box.",
     )
     parser.add_argument("source", type=Path, help="data set, clip npz or folder of clip npz")
     parser.add_argument("--out", required=True, type=Path, help="folder for the results")
