@@ -41,6 +41,12 @@ class SparseProduct:
         forward, transposed = self.placed(dense.device, dense.dtype)
         return _product(dense, transposed, forward)
 
+    def __reduce__(self) -> tuple:
+        """Copies and pickles rebuild the matrix: torch can copy no CSR tensors."""
+        entries = self._forward.to_sparse_coo()
+        rows, columns = entries.indices().numpy()
+        return SparseProduct, (rows, columns, entries.values().numpy(), self.shape)
+
     def placed(self, device: torch.device, dtype: torch.dtype) -> tuple[torch.Tensor, torch.Tensor]:
         """The matrix and its transpose as CSR tensors on a device; float32 and float64 only (TypeError)."""
         if dtype not in (torch.float32, torch.float64):

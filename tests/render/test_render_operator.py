@@ -1,3 +1,6 @@
+import copy
+import pickle
+
 import numpy as np
 import pytest
 import torch
@@ -105,6 +108,17 @@ def test_moved_operator_gives_the_same():
     moved = operator.to("cpu", torch.float64)
     torch.testing.assert_close(moved(vertices), operator(vertices), rtol=0, atol=0)
     assert torch.equal(moved.mask, operator.mask)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_copies_and_pickles_work(copied):
+    mesh = tube(20, 12)
+    _, operator = make(mesh)
+    vertices = torch.tensor(mesh.vertices)
+    images = operator(vertices)
+    other = copied(operator)
+    torch.testing.assert_close(other(vertices), images, rtol=0, atol=0)
+    torch.testing.assert_close(other.adjoint(images), operator.adjoint(images), rtol=0, atol=0)
 
 
 def test_wrong_shapes_and_types_are_refused():
