@@ -92,10 +92,10 @@ def frame_cameras(
     *,
     views: Sequence[str] = ("front", "back"),
     size: tuple[int, int] = (256, 256),
-    fov_degrees: float = 30.0,
+    fov_degrees: float = 15.0,
     margin: float = 0.05,
 ) -> tuple[Camera, ...]:
-    """Cameras that look at the template's bounding box from the named sides, each as near as the box allows.
+    """Cameras that look at the middle of the template from the named sides, each as near as its vertices allow.
 
     The views of section 3.1 of the paper ("perspective camera of known transformation matrix").
 
@@ -104,7 +104,8 @@ def frame_cameras(
         views: names out of front, back, left, right; `front` stands on the +z side, `left` on the person's
             left (+x).
         size: (height, width) of the images.
-        fov_degrees: field of view over the image's shorter side; pixels are square.
+        fov_degrees: field of view over the image's shorter side; pixels are square. A narrow one stands farther
+            away and sees more of the flanks (the public T-shirt: 93.8 % of the vertices at 30, 95.1 % at 15).
         margin: share of the image's height and width that stays free at each border.
 
     Returns:
@@ -134,14 +135,17 @@ def frame_cameras(
         backward = np.array(VIEW_DIRECTIONS[name], np.float64)  # camera z points away from what it looks at
         up = np.array([0.0, 1.0, 0.0])
         rotation = np.stack([np.cross(up, backward), up, backward])
-        half_right, half_up, half_depth = np.abs(rotation) @ (high - low) / 2
-        # The box's near face just fits between the margins.
-        distance = half_depth + max(np.array([half_right, half_up]) / (tangent * (1 - 2 * margin)))
+        offset = (template.vertices - (low + high) / 2) @ rotation.T  # right, up, towards the camera
+        front = offset[:, 2].max()
+        # The vertex that comes nearest to a margin just touches it; a needle that points at the camera keeps clear.
+        fit = offset[:, 2] + (np.abs(offset[:, :2]) / (tangent * (1 - 2 * margin))).max(axis=1)
+        distance = max(fit.max(), front + 0.05 * (high - low).max())
         view = np.eye(4)
         view[:3, :3] = rotation
         view[:3, 3] = -rotation @ ((low + high) / 2 + distance * backward)
         # Wide limits: the body, larger than the garment, is imaged with the same cameras.
-        projection = perspective(tangent, near=distance / 20, far=distance * 4)
+        near = min(distance / 20, (distance - front) / 2)
+        projection = perspective(tangent, near=near, far=distance * 4)
         cameras.append(Camera(name, view, projection, (height, width)))
     return tuple(cameras)
 

@@ -41,17 +41,19 @@ def test_what_lies_to_the_right_in_each_view(view, right_hand_side):
 
 
 @pytest.mark.parametrize("size", [(64, 64), (48, 96), (96, 48)])
-def test_the_box_fits_and_touches_the_margin(size):
+def test_the_vertices_fit_and_touch_the_margin(size):
     mesh = Mesh(tube().vertices + np.array([3, 1, -2]), tube().faces)
-    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
-    corners = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
     for camera in frame_cameras(mesh, views=("front", "back", "left", "right"), size=size, margin=0.1):
-        share = camera.project(corners)[:, :2] / (size[1], size[0])
+        share = camera.project(mesh.vertices)[:, :2] / (size[1], size[0])
         assert share.min() >= 0.1 - 1e-9
         assert share.max() <= 0.9 + 1e-9
-        assert share.min() == pytest.approx(0.1)
+        assert max(0.5 - share.min(), share.max() - 0.5) == pytest.approx(0.4, abs=1e-9)
+
+
+def test_a_needle_pointing_at_the_camera_stays_before_the_near_plane():
+    mesh = Mesh(np.array([[0, 0, 5], [1e-4, 0, -5], [0, 1e-4, -5.0]]), np.array([[0, 1, 2]]))
+    (camera,) = frame_cameras(mesh, views=("front",), size=(32, 32))
+    assert camera.project(mesh.vertices)[:, 2].min() > 1.5 * camera.near
 
 
 def test_points_behind_the_camera_have_no_place():
