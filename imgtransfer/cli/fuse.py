@@ -163,6 +163,6 @@ def _save_vertices(
         fused = replace(clip, template_vertices=template, garment_faces=faces, garment_vertices=vertices)
         save_clip(path, fused)
         return
-    arrays = {name: body[name] for name in ("body_faces", "body_vertices") if name in body}
+    arrays: dict[str, Any] = {name: body[name] for name in ("body_faces", "body_vertices") if name in body}
     arrays |= {"template_vertices": template, "garment_faces": faces, "garment_vertices": vertices}
     np.savez_compressed(path, fps=np.float64(maps.fps), **arrays)

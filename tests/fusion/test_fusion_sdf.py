@@ -91,7 +91,7 @@ def test_a_body_per_frame_equals_single_bodies_and_follows_updates():
 
 
 def test_winding_number_sees_the_inside_of_overlapping_limbs():
-    """A thin rod sunk into a sphere, as an arm pressed into the torso: the closest surface is the rod's, which
+    """A thin rod sunk into a sphere, as an arm pressed into the torso: the closest surface is the rod, which
     faces the point, yet the point is inside the body."""
     rod = trimesh.creation.cylinder(radius=0.05, height=0.6, sections=32)
     body = trimesh.util.concatenate([sphere(), rod])

@@ -1,0 +1,65 @@
+"""A small garment on a small body: an open tube around a closed cylinder, leaning and wrinkled."""
+
+import numpy as np
+import torch
+import trimesh
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from render import Mesh, TemplateImager, frame_cameras, vertex_normals
+
+AROUND, ALONG = 32, 17  # vertices of the tube
+
+
+def tube(radius: float = 0.15, height: float = 0.4) -> Mesh:
+    """(AROUND · ALONG) vertices, open at both ends, axis along y."""
+    angle, y = np.meshgrid(
+        np.arange(AROUND) * 2 * np.pi / AROUND, np.linspace(-height / 2, height / 2, ALONG)
+    )
+    vertices = np.stack([radius * np.sin(angle), y, radius * np.cos(angle)], axis=-1).reshape(-1, 3)
+    row, column = (part.ravel() for part in np.mgrid[: ALONG - 1, :AROUND])
+    a, b = row * AROUND + column, row * AROUND + (column + 1) % AROUND
+    faces = np.concatenate([np.stack([a, b, b + AROUND], 1), np.stack([a, b + AROUND, a + AROUND], 1)])
+    return Mesh(vertices, faces, source="tube")
+
+
+def cylinder_body(radius: float = 0.13, height: float = 0.6) -> trimesh.Trimesh:
+    mesh = trimesh.creation.cylinder(radius=radius, height=height, sections=48)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    return mesh
+
+
+def leaning(points: np.ndarray, frames: int) -> np.ndarray:
+    """(N, 3) -> (frames, N, 3) float32: turned further with every frame, rigidly."""
+    turns = [Rotation.from_rotvec([lean, 0, lean / 2]).as_matrix() for lean in np.linspace(0.0, 0.4, frames)]
+    return np.stack([points @ turn.T for turn in turns]).astype(np.float32)
+
+
+def wrinkled(mesh: Mesh, frames: int, *, waves: int = 5, amplitude: float = 0.005) -> torch.Tensor:
+    """(frames, N, 3) float32: the tube leaning as the body, with folds of 5 mm along its axis.
+
+    Cloth does not stretch, and the edge term rests on that, so the tube gets narrower by as much as its folds
+    take up.
+    """
+    angle = np.arctan2(mesh.vertices[:, 0], mesh.vertices[:, 2])
+    radius = np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 2])
+    around = np.linspace(0, 2 * np.pi, 2001)
+
+    def excess(mean: float) -> float:
+        r = mean + amplitude * np.sin(waves * around)
+        curve = np.stack([r * np.sin(around), r * np.cos(around)], axis=1)
+        return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum() - 2 * np.pi * radius[0])
+
+    folded = brentq(excess, 0.5 * radius[0], radius[0]) + amplitude * np.sin(waves * angle)
+    points = np.stack([folded * np.sin(angle), mesh.vertices[:, 1], folded * np.cos(angle)], axis=1)
+    return torch.from_numpy(leaning(points, frames))
+
+
+def imager_of(mesh: Mesh, size: tuple[int, int] = (48, 40)) -> TemplateImager:
+    """Front and back cameras near enough that the tube's sides are seen by neither."""
+    return TemplateImager.build(mesh, cameras=frame_cameras(mesh, size=size, fov_degrees=60), backend="numpy")
+
+
+def true_maps(imager: TemplateImager, vertices: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Positions in metres and unit-vertex normals, interpolated: (T, S, H, W, 3) each."""
+    return imager.operator(vertices), imager.operator(vertex_normals(vertices, imager.faces))

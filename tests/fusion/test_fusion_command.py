@@ -1,0 +1,206 @@
+"""`imgtransfer fuse` and what stands behind it, on files."""
+
+import json
+
+import numpy as np
+import pytest
+from fusion_examples import cylinder_body, imager_of, leaning, true_maps, tube, wrinkled
+from scipy.spatial.transform import Rotation
+
+from fusion.run import fuse_maps
+from imgtransfer.cli.main import main
+from imgtransfer.data.clip import Clip, load_clip, save_clip
+from render import MapFile, PositionBox, encode_normals, load_maps, load_mesh, save_maps
+
+FRAMES = 2
+QUICK = "edge_steps: 5\nnormal_steps: 5\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """maps.npz, clip.npz (the truth, in the world), body.npz, fusion.yaml, template.obj."""
+    mesh, body = tube(), cylinder_body()
+    imager = imager_of(mesh, (64, 64))
+    truth = wrinkled(mesh, FRAMES)
+    positions, normals = true_maps(imager, truth)
+    box = PositionBox.around(truth.numpy())
+    rotation = Rotation.from_rotvec([[0, 0.5, 0], [0, 2.0, 0.1]]).as_matrix()
+    translation = np.array([[0.3, 1.0, 0], [0.5, 1.1, -0.2]])
+    mask = imager.mask[..., None]
+    save_maps(
+        tmp_path / "maps.npz",
+        MapFile.of(
+            imager,
+            position=(box.encode(positions) * mask).numpy(),
+            normal=(encode_normals(normals) * mask).numpy(),
+            box=box,
+            rotation=rotation,
+            translation=translation,
+            fps=30,
+        ),
+    )
+
+    def to_world(points):
+        return (np.einsum("tab,tnb->tna", rotation, points) + translation[:, None]).astype(np.float32)
+
+    rest = np.asarray(body.vertices, np.float32)
+    clip = Clip(
+        template_vertices=mesh.vertices.astype(np.float32),
+        garment_faces=mesh.faces,
+        garment_vertices=to_world(truth.numpy()),
+        body_rest=rest,
+        body_faces=np.asarray(body.faces),
+        body_vertices=to_world(leaning(rest, FRAMES)),
+        fps=30.0,
+        info={"licence": "CC0"},
+    )
+    save_clip(tmp_path / "clip.npz", clip)
+    np.savez(tmp_path / "body.npz", body_faces=clip.body_faces, body_vertices=clip.body_vertices)
+    (tmp_path / "fusion.yaml").write_text(QUICK)
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    (tmp_path / "template.obj").write_text("\n".join(lines) + "\n")
+    return tmp_path
+
+
+def command(folder, *more, out="out"):
+    return main(["fuse", "--maps", str(folder / "maps.npz"), "--out", str(folder / out), *map(str, more)])
+
+
+def error_mm(path, folder):
+    with np.load(path) as found:
+        return (
+            1000
+            * np.linalg.norm(
+                found["garment_vertices"] - load_clip(folder / "clip.npz").garment_vertices, axis=-1
+            ).mean()
+        )
+
+
+def test_a_clip_s_body_gives_a_clip_with_the_fused_garment_in_the_world(folder, capsys):
+    assert command(folder, "--body", folder / "clip.npz") == 0
+    clip = load_clip(folder / "out" / "fused.npz")
+    assert clip.info == {"licence": "CC0"}
+    np.testing.assert_array_equal(clip.body_vertices, load_clip(folder / "clip.npz").body_vertices)
+    assert (
+        error_mm(folder / "out" / "fused.npz", folder) < 2.5
+    )  # a pixel is 7 mm; through two frames of reference
+    report = json.loads((folder / "out" / "report.json").read_text())
+    assert report["frames"] == FRAMES
+    assert report["penetration_percent"]["after"] == 0
+    assert report["config"]["weight_edge"] == 100
+    assert str(folder / "out") in capsys.readouterr().out
+    assert sorted(path.name for path in (folder / "out").iterdir()) == ["fused.npz", "report.json"]
+
+
+def test_a_bare_body_and_no_body(folder):
+    quick = ("--config", folder / "fusion.yaml")
+    assert command(folder, "--body", folder / "body.npz", *quick, out="with") == 0
+    assert command(folder, *quick, out="without") == 0
+    keys = {"template_vertices", "garment_faces", "garment_vertices", "fps"}
+    with np.load(folder / "with" / "fused.npz") as found:
+        assert set(found.files) == keys | {"body_faces", "body_vertices"}
+    with np.load(folder / "without" / "fused.npz") as found:
+        assert set(found.files) == keys
+        assert found["fps"] == 30
+    assert "penetration_percent" not in json.loads((folder / "without" / "report.json").read_text())
+
+
+def test_positions_only_leaves_the_normals_out(folder):
+    assert command(folder, "--positions-only", "--config", folder / "fusion.yaml") == 0
+    assert set(json.loads((folder / "out" / "report.json").read_text())["terms"]) == {"edge"}
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+def test_mesh_files_keep_vertices_and_faces(folder, suffix):
+    assert command(folder, "--meshes", suffix, "--config", folder / "fusion.yaml") == 0
+    files = sorted((folder / "out" / "meshes").iterdir())
+    assert [path.name for path in files] == [f"frame_000{i}.{suffix}" for i in range(FRAMES)]
+    with np.load(folder / "out" / "fused.npz") as found:
+        for path, vertices in zip(files, found["garment_vertices"], strict=True):
+            mesh = load_mesh(path)
+            np.testing.assert_array_equal(mesh.faces, found["garment_faces"])
+            np.testing.assert_allclose(mesh.vertices, vertices, atol=1e-6)
+
+
+def test_the_template_may_come_from_a_file(folder):
+    quick = ("--config", folder / "fusion.yaml")
+    assert command(folder, "--template", folder / "template.obj", *quick, out="given") == 0
+    assert command(folder, *quick, out="stored") == 0
+    with np.load(folder / "given" / "fused.npz") as given, np.load(folder / "stored" / "fused.npz") as stored:
+        np.testing.assert_allclose(given["garment_vertices"], stored["garment_vertices"], atol=1e-5)
+
+
+def test_an_earlier_result_is_replaced_and_other_files_are_not(folder, capsys):
+    quick = ("--config", folder / "fusion.yaml")
+    assert command(folder, *quick) == 0
+    assert command(folder, *quick) == 0
+    (folder / "out" / "thesis.txt").write_text("precious")
+    assert command(folder, *quick) == 2
+    assert "holds other files" in capsys.readouterr().err
+    assert (folder / "out" / "thesis.txt").read_text() == "precious"
+
+
+def spoil_body(folder, **changed):
+    with np.load(folder / "body.npz") as stored:
+        arrays = {**stored, **changed}
+    np.savez(folder / "bad.npz", **{name: value for name, value in arrays.items() if value is not None})
+    return ("--body", folder / "bad.npz")
+
+
+MISTAKES = {
+    "no maps": (lambda f: ("--maps", f / "none.npz"), "none.npz: no such file"),
+    "no body": (lambda f: ("--body", f / "none.npz"), "none.npz: no such file"),
+    "body is text": (lambda f: ("--body", f / "fusion.yaml"), "not a readable npz"),
+    "body without faces": (lambda f: spoil_body(f, body_faces=None), "lacks body_faces"),
+    "body of other length": (
+        lambda f: spoil_body(f, body_vertices=np.zeros((5, 98, 3))),
+        "as the maps have 2",
+    ),
+    "body face out of range": (lambda f: spoil_body(f, body_faces=np.array([[0, 1, 9999]])), "9999"),
+    "body not finite": (lambda f: spoil_body(f, body_vertices=np.full((2, 98, 3), np.nan)), "not finite"),
+    "no such config": (lambda f: ("--config", f / "none.yaml"), "none.yaml"),
+    "no such device": (lambda f: ("--device", "tpu9"), "--device tpu9"),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_line_and_leaves_nothing(folder, capsys, name):
+    arguments, message = MISTAKES[name]
+    assert command(folder, *arguments(folder)) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (folder / "out").exists()
+    assert not list(folder.glob(".out*"))
+
+
+def test_a_template_that_does_not_fit_the_maps(folder, capsys):
+    path = folder / "template.obj"
+    kept = path.read_text()
+    path.write_text(kept + "v 0 0 0\n")
+    assert command(folder, "--template", path) == 2
+    assert "545 vertices, but the maps were made with a template of 544" in capsys.readouterr().err
+    wider = [f"v {1.3 * x} {y} {1.3 * z}" for x, y, z in tube().vertices]
+    path.write_text("\n".join(wider + [line for line in kept.splitlines() if line.startswith("f")]))
+    assert command(folder, "--template", path) == 2
+    assert "outside the maps' silhouette" in capsys.readouterr().err
+
+
+def test_maps_without_positions_say_so(folder, capsys):
+    with np.load(folder / "maps.npz") as stored:
+        arrays = {name: stored[name] for name in stored.files if name != "position"}
+    np.savez(folder / "maps.npz", **arrays)
+    assert command(folder) == 2
+    assert "no position maps" in capsys.readouterr().err
+
+
+def test_single_outline_pixels_that_another_rasteriser_lacks_are_filled(folder):
+    maps = load_maps(folder / "maps.npz")
+    row, column = np.argwhere(maps.mask[0])[0]
+    arrays = {name: getattr(maps, name) for name in maps.__dataclass_fields__}
+    for name in ("mask", "position", "normal"):
+        arrays[name] = arrays[name].copy()
+    arrays["mask"][0, row, column] = False
+    arrays["position"][:, 0, row, column] = arrays["normal"][:, 0, row, column] = 0
+    whole, lacking = fuse_maps(maps), fuse_maps(MapFile(**arrays))
+    assert np.abs(whole.vertices - lacking.vertices).max() < 0.01
