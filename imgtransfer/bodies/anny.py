@@ -81,7 +81,9 @@ class AnnyBody:
         ]
         return float(np.mean(lengths))
 
-    def bone_poses(self, poses: np.ndarray, trans: np.ndarray, *, leg_length: float | None = None) -> BonePoses:
+    def bone_poses(
+        self, poses: np.ndarray, trans: np.ndarray, *, leg_length: float | None = None
+    ) -> BonePoses:
         """Pose the bones from SMPL joints.
 
         Args:

@@ -89,7 +89,9 @@ def _even_mesh(skin: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndar
     closed = _surface(_distance(grid, *grown) + reach, low)
     parts = trimesh.Trimesh(*closed).split(only_watertight=False)
     body = max(parts, key=lambda part: len(part.vertices))  # the others are cavities
-    return gpytoolbox.remesh_botsch(np.array(body.vertices), np.array(body.faces, np.int32), 10, EDGE_LENGTH, True)
+    return gpytoolbox.remesh_botsch(
+        np.array(body.vertices), np.array(body.faces, np.int32), 10, EDGE_LENGTH, True
+    )
 
 
 def _surface(field: np.ndarray, low: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

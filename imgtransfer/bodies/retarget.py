@@ -88,7 +88,9 @@ def _arm(
     collar = of[f"{side}_collar"]
     upper_arm = of[f"{side}_shoulder"] @ _aligned("upper_arm", side, upper, elbow)
     forearm = of[f"{side}_elbow"] @ _aligned("forearm", side, fore, elbow)
-    hand = of[f"{side}_wrist"] @ _aligned("hand", side, span("wrist", "finger3-1"), span("finger5-1", "finger2-1"))
+    hand = of[f"{side}_wrist"] @ _aligned(
+        "hand", side, span("wrist", "finger3-1"), span("finger5-1", "finger2-1")
+    )
     along_upper, along_fore = upper / np.linalg.norm(upper), fore / np.linalg.norm(fore)
     upper_twist = twist(np.swapaxes(collar, 1, 2) @ upper_arm, along_upper)
     hand_twist = twist(np.swapaxes(forearm, 1, 2) @ hand, along_fore)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, Field
@@ -19,6 +21,7 @@ CELL = 0.01  # metres, of the distance grid
 NECK_RADIUS = 0.092  # metres; the neck cut reaches no farther from the neck's axis
 SLEEVE_RADIUS = 0.115  # metres, from the upper arm's axis
 RELAXATIONS = 8
+Cut = Callable[[np.ndarray], np.ndarray]  # (N, 3) points -> (N,), positive where cloth is removed
 
 
 class TShirtConfig(BaseModel):
@@ -68,7 +71,9 @@ class _Field:
     def __init__(self, body: AnnyBody, config: TShirtConfig) -> None:
         joints = body.joints_rest
         reach = np.abs(joints[INDEX["left_elbow"], 0]) + 0.05
-        self.low = np.array([-reach, joints[INDEX["left_hip"], 1] - config.hem - 0.08, body.rest[:, 2].min() - 0.1])
+        self.low = np.array(
+            [-reach, joints[INDEX["left_hip"], 1] - config.hem - 0.08, body.rest[:, 2].min() - 0.1]
+        )
         high = np.array([reach, joints[INDEX["head"], 1], joints[INDEX["spine1"], 2] + 0.30])
         axes = [np.arange(a, b, CELL) for a, b in zip(self.low, high, strict=True)]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -103,7 +108,7 @@ class _Field:
         return points - (value / np.maximum((slope**2).sum(-1), 0.1))[:, None] * slope
 
 
-def _cuts(joints: np.ndarray, config: TShirtConfig) -> list:
+def _cuts(joints: np.ndarray, config: TShirtConfig) -> list[Cut]:
     """Fields that are positive where cloth is removed: hem, neck, sleeves."""
     hem = joints[INDEX["left_hip"], 1] - config.hem
     neck = joints[INDEX["neck"]]
@@ -113,7 +118,7 @@ def _cuts(joints: np.ndarray, config: TShirtConfig) -> list:
         offset = points - (neck + np.array([0.0, -0.035, 0.0]))
         return np.minimum(offset @ tilt, NECK_RADIUS - np.hypot(offset[:, 0], offset[:, 2]))
 
-    def sleeve_cut(side: str):  # noqa: ANN202
+    def sleeve_cut(side: str) -> Cut:
         shoulder, elbow = joints[INDEX[f"{side}_shoulder"]], joints[INDEX[f"{side}_elbow"]]
         along = (elbow - shoulder) / np.linalg.norm(elbow - shoulder)
 
@@ -121,7 +126,9 @@ def _cuts(joints: np.ndarray, config: TShirtConfig) -> list:
             offset = points - shoulder
             height = offset @ along
             radius = np.linalg.norm(offset - height[:, None] * along, axis=1)
-            return np.minimum(height - config.sleeve * np.linalg.norm(elbow - shoulder), SLEEVE_RADIUS - radius)
+            return np.minimum(
+                height - config.sleeve * np.linalg.norm(elbow - shoulder), SLEEVE_RADIUS - radius
+            )
 
         return cut
 

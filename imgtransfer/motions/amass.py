@@ -26,7 +26,9 @@ def load_amass(path: str | Path, *, fps: float = 30.0) -> Motion:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such file; an AMASS-style npz with poses, trans and mocap_framerate is wanted")
+        raise InputError(
+            f"{path}: no such file; an AMASS-style npz with poses, trans and mocap_framerate is wanted"
+        )
     try:
         with np.load(path, allow_pickle=False) as stored:
             wanted = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "leg_length")
@@ -37,7 +39,9 @@ def load_amass(path: str | Path, *, fps: float = 30.0) -> Motion:
         arrays.setdefault("mocap_framerate", arrays.pop("mocap_frame_rate"))
     missing = [key for key in ("poses", "trans", "mocap_framerate") if key not in arrays]
     if missing:
-        raise InputError(f"{path}: lacks {', '.join(missing)}; an AMASS-style npz has poses, trans, mocap_framerate")
+        raise InputError(
+            f"{path}: lacks {', '.join(missing)}; an AMASS-style npz has poses, trans, mocap_framerate"
+        )
     poses, trans = arrays["poses"], arrays["trans"]
     for key, value in arrays.items():
         if value.dtype.kind not in "fiu":

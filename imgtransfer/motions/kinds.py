@@ -113,7 +113,11 @@ def jump(clock: Clock) -> Angles:
     phase = clock.phase(0.6)
     crouch, flight = pulse(phase, 2) * clock.around(1.0, 0.15), pulse(phase + np.pi * 0.9, 4)
     angles = _idle(clock)
-    angles |= {"bend": 25 * crouch, "pitch": 15 * crouch, "hop": 0.25 * clock.random.uniform(0.5, 1.2) * flight}
+    angles |= {
+        "bend": 25 * crouch,
+        "pitch": 15 * crouch,
+        "hop": 0.25 * clock.random.uniform(0.5, 1.2) * flight,
+    }
     up = clock.random.uniform(40, 100)
     for side in SIDES:
         angles |= {f"{side}_hip": 60 * crouch + 10 * flight, f"{side}_knee": 80 * crouch + 15 * flight}
@@ -156,7 +160,9 @@ def reach(clock: Clock) -> Angles:
     phase = clock.phase(0.4)
     for side, shift, lean in (("left", 0.0, 1.0), ("right", np.pi, -1.0)):
         there = pulse(phase + shift, 1.6)
-        angles[f"{side}_raise"] = angles[f"{side}_raise"] + clock.around(clock.random.uniform(15, 115)) * there
+        angles[f"{side}_raise"] = (
+            angles[f"{side}_raise"] + clock.around(clock.random.uniform(15, 115)) * there
+        )
         angles[f"{side}_swing"] = angles[f"{side}_swing"] + clock.around(clock.random.uniform(10, 95)) * there
         angles[f"{side}_elbow"] = angles[f"{side}_elbow"] * (1 - 0.7 * there)
         angles["side"] = angles["side"] + lean * clock.around(12) * there
@@ -205,7 +211,15 @@ def turn(clock: Clock) -> Angles:
 
 
 # How much of a joint's range random poses use, so that they stay upright and plausible.
-_RANDOM_SHARE = {"pitch": 0.35, "roll": 0.5, "bend": 0.75, "side": 0.8, "twist": 0.85, "nod": 0.7, "look": 0.7}
+_RANDOM_SHARE = {
+    "pitch": 0.35,
+    "roll": 0.5,
+    "bend": 0.75,
+    "side": 0.8,
+    "twist": 0.85,
+    "nod": 0.7,
+    "look": 0.7,
+}
 _UPPER = tuple(_RANDOM_SHARE)[2:]
 _ARM = {"raise": (14, 135), "swing": (-40, 100), "roll_in": (-30, 45), "elbow": (4, 120)}
 _LEG = {"hip": (-10, 55), "spread": (0, 25), "turn_out": (-15, 25), "knee": (4, 60)}

@@ -33,7 +33,11 @@ def make_motion(
     """
     if kind not in KINDS:
         raise InputError(f"motion {kind!r} is not in the library; there are {', '.join(KINDS)}")
-    for name, value, low, high in (("tempo", tempo, 0.1, 5), ("seconds", seconds, 0.2, 600), ("fps", fps, 5, 1000)):
+    for name, value, low, high in (
+        ("tempo", tempo, 0.1, 5),
+        ("seconds", seconds, 0.2, 600),
+        ("fps", fps, 5, 1000),
+    ):
         if not low <= value <= high:
             raise InputError(f"motion {kind}: {name} is {value}; a number from {low} to {high} expected")
     frames = max(2, round(seconds * fps))

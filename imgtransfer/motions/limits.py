@@ -45,7 +45,9 @@ NEUTRAL = {name: min(max(0.0, low), high) for name, (low, high) in LIMITS.items(
 def within_limits(angles: Mapping[str, np.ndarray], frames: int) -> dict[str, np.ndarray]:
     """Every angle of `LIMITS` as (T,) degrees: those given, clipped, and the neutral value for the others."""
     return {
-        name: np.broadcast_to(np.clip(angles.get(name, NEUTRAL[name]), low, high), (frames,)).astype(np.float64)
+        name: np.broadcast_to(np.clip(angles.get(name, NEUTRAL[name]), low, high), (frames,)).astype(
+            np.float64
+        )
         for name, (low, high) in LIMITS.items()
     }
 

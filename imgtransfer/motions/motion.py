@@ -32,7 +32,9 @@ class Motion:
 
     def __post_init__(self) -> None:
         if self.poses.ndim != 3 or self.poses.shape[1:] != (len(JOINTS), 3) or len(self.poses) < 2:
-            raise InputError(f"{self.name}: poses must be (T, 22, 3) with T of 2 or more, found {self.poses.shape}")
+            raise InputError(
+                f"{self.name}: poses must be (T, 22, 3) with T of 2 or more, found {self.poses.shape}"
+            )
         if self.trans.shape != (len(self.poses), 3):
             raise InputError(
                 f"{self.name}: trans must have shape {(len(self.poses), 3)}, found {self.trans.shape}"
@@ -57,7 +59,11 @@ def resample(motion: Motion, fps: float) -> Motion:
     given = np.arange(len(motion.poses)) / motion.fps
     times = np.minimum(times, given[-1])
     poses = np.stack(
-        [Slerp(given, Rotation.from_rotvec(motion.poses[:, j]))(times).as_rotvec() for j in range(len(JOINTS))], axis=1
+        [
+            Slerp(given, Rotation.from_rotvec(motion.poses[:, j]))(times).as_rotvec()
+            for j in range(len(JOINTS))
+        ],
+        axis=1,
     )
     trans = np.stack([np.interp(times, given, motion.trans[:, axis]) for axis in range(3)], axis=1)
     return Motion(poses, trans, fps, motion.name, motion.leg_length)
