@@ -212,16 +212,16 @@ def turn(clock: Clock) -> Angles:
 
 # How much of a joint's range random poses use, so that they stay upright and plausible.
 _RANDOM_SHARE = {
-    "pitch": 0.35,
-    "roll": 0.5,
+    "pitch": 0.3,
+    "roll": 0.35,
     "bend": 0.75,
-    "side": 0.8,
+    "side": 0.6,
     "twist": 0.85,
     "nod": 0.7,
     "look": 0.7,
 }
 _UPPER = tuple(_RANDOM_SHARE)[2:]
-_ARM = {"raise": (14, 135), "swing": (-40, 100), "roll_in": (-30, 45), "elbow": (4, 120)}
+_ARM = {"raise": (14, 112), "swing": (-40, 100), "roll_in": (-30, 45), "elbow": (4, 120)}
 _LEG = {"hip": (-10, 55), "spread": (0, 25), "turn_out": (-15, 25), "knee": (4, 60)}
 
 

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from imgtransfer.motions.amass import load_amass
+from render import InputError
+
+
+def write(path, **changes):
+    time = np.arange(61) / 60
+    poses = np.zeros((61, 156), np.float32)  # SMPL-H: body and hands
+    poses[:, 3 * 18 + 1] = 0.8 * time
+    arrays = {
+        "poses": poses,
+        "trans": np.stack([0 * time, 0.9 + 0 * time, time], axis=1),
+        "mocap_framerate": np.float64(60),
+    }
+    arrays.update(changes)
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+    return path
+
+
+def test_it_reads_the_body_joints_and_resamples_by_time(tmp_path):
+    motion = load_amass(write(tmp_path / "a_clip.npz", leg_length=np.float32(0.83)), fps=30)
+    assert motion.name == "a_clip"
+    assert motion.poses.shape == (31, 22, 3)
+    np.testing.assert_allclose(motion.poses[:, 18, 1], 0.8 * np.arange(31) / 30, atol=1e-6)
+    np.testing.assert_allclose(motion.trans[:, 2], np.arange(31) / 30, atol=1e-9)
+    assert motion.leg_length == pytest.approx(0.83)
+
+
+def test_the_leg_length_is_optional_and_the_other_rate_name_is_read(tmp_path):
+    path = write(tmp_path / "b.npz", mocap_framerate=None, mocap_frame_rate=np.int64(60))
+    motion = load_amass(path, fps=60)
+    assert motion.leg_length is None
+    assert len(motion.poses) == 61
+
+
+@pytest.mark.parametrize(("changes", "text"), [
+    ({"poses": None}, "lacks poses"),
+    ({"mocap_framerate": None}, "lacks mocap_framerate"),
+    ({"poses": np.zeros((61, 60))}, r"poses must have shape \(T, 66 or more\)"),
+    ({"trans": np.zeros((60, 3))}, "trans must have shape"),
+    ({"trans": np.full((61, 3), np.inf)}, "not finite"),
+    ({"mocap_framerate": np.float64(0)}, "frame rate is 0"),
+    ({"leg_length": np.float64(-1)}, "leg_length"),
+    ({"poses": np.array([["x"] * 66] * 61)}, "must hold numbers"),
+])  # fmt: skip
+def test_bad_files_are_named_with_what_is_wrong(tmp_path, changes, text):
+    path = write(tmp_path / "bad.npz", **changes)
+    with pytest.raises(InputError, match=text) as caught:
+        load_amass(path)
+    assert "bad" in str(caught.value)
+
+
+def test_missing_and_foreign_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        load_amass(tmp_path / "none.npz")
+    (tmp_path / "text.npz").write_text("not an npz")
+    with pytest.raises(InputError, match="not a readable npz"):
+        load_amass(tmp_path / "text.npz")
+    np.savez(tmp_path / "pickle.npz", poses=np.array([{}], dtype=object), trans=0, mocap_framerate=30)
+    with pytest.raises(InputError, match="not a readable npz"):
+        load_amass(tmp_path / "pickle.npz")

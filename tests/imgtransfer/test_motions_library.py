@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from imgtransfer.bodies.smpl import INDEX, global_rotations, segment_direction
+from imgtransfer.motions.kinds import KINDS, Clock
+from imgtransfer.motions.library import make_motion
+from imgtransfer.motions.limits import LIMITS, NEUTRAL, poses_from_angles, within_limits
+from imgtransfer.motions.motion import Motion, arms_out, resample
+from render import InputError
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_smooth_starts_standing_and_stays_within_limits(kind):
+    clock = Clock(np.arange(120) / 30, 30.0, 1.0, np.random.default_rng(3))
+    curves = KINDS[kind](clock)
+    unknown = set(curves) - set(LIMITS) - {"hop"}
+    assert not unknown
+    for name, values in within_limits(curves, 120).items():
+        low, high = LIMITS[name]
+        assert values.shape == (120,)
+        assert values.min() >= low
+        assert values.max() <= high
+    motion = make_motion(kind, seed=3, seconds=4)
+    assert motion.poses.shape == (120, 22, 3)
+    still = poses_from_angles({name: np.array([value]) for name, value in NEUTRAL.items()})
+    np.testing.assert_allclose(motion.poses[0], still[0], atol=1e-12)
+    turned = Rotation.from_rotvec(motion.poses.reshape(-1, 3)).as_matrix().reshape(120, 22, 3, 3)
+    steps = np.einsum("tjab,tjac->tjbc", turned[:-1], turned[1:])
+    speed = Rotation.from_matrix(steps.reshape(-1, 3, 3)).magnitude().max() * 30
+    assert speed < np.radians(700)  # a fast punch; nothing flips
+    assert np.abs(np.diff(motion.trans, axis=0)).max() * 30 < 3.0  # m/s
+    assert np.abs(np.diff(motion.poses[:, 1:], axis=0)).max() > 1e-4  # it moves
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_seed_alone_decides(kind):
+    first, again, other = (make_motion(kind, seed=seed, seconds=2) for seed in (5, 5, 6))
+    assert np.array_equal(first.poses, again.poses)
+    assert np.array_equal(first.trans, again.trans)
+    assert np.abs(first.poses - other.poses).max() > 0.02
+
+
+def test_walking_goes_forward_and_squatting_goes_down():
+    way = make_motion("walk", seed=1, seconds=4).trans
+    assert way[-1, 2] > 1.0
+    height = make_motion("squat", seed=1, seconds=4).trans[:, 1]
+    assert height.max() - height.min() > 0.15
+
+
+def test_hanging_arm_and_raised_arm_by_hand():
+    angles = within_limits({"left_raise": np.array([90.0]), "right_raise": np.array([20.0])}, 1)
+    rotations = global_rotations(poses_from_angles(angles))[0]
+    left = rotations[INDEX["left_shoulder"]] @ segment_direction("upper_arm", "left")
+    np.testing.assert_allclose(left, segment_direction("upper_arm", "left"), atol=1e-9)  # level, as in the T-pose
+    right = rotations[INDEX["right_shoulder"]] @ np.array([-1.0, 0, 0])
+    np.testing.assert_allclose(right, [-np.sin(np.radians(20)), -np.cos(np.radians(20)), 0], atol=1e-9)
+
+
+def test_bending_turns_the_chest_forward_by_that_angle():
+    rotations = global_rotations(poses_from_angles(within_limits({"bend": np.array([50.0])}, 1)))[0]
+    np.testing.assert_allclose(
+        rotations[INDEX["spine3"]] @ [0, 1, 0], [0, np.cos(np.radians(50)), np.sin(np.radians(50))], atol=1e-9
+    )
+
+
+def test_arms_out_turns_hanging_arms_by_the_angle_and_leaves_level_ones():
+    angles = within_limits({"left_raise": np.array([14.0, 14.0]), "right_raise": np.array([90.0, 90.0])}, 2)
+    motion = Motion(poses_from_angles(angles), np.zeros((2, 3)), 30.0, "m")
+    before, after = global_rotations(motion.poses)[0], global_rotations(arms_out(motion, 6).poses)[0]
+
+    def turn(joint):
+        return np.degrees(Rotation.from_matrix(before[INDEX[joint]].T @ after[INDEX[joint]]).magnitude())
+
+    assert turn("left_shoulder") == pytest.approx(6, abs=1e-6)
+    assert turn("left_wrist") == pytest.approx(6, abs=1e-6)
+    assert turn("right_shoulder") == pytest.approx(0, abs=1e-6)
+    outward = after[INDEX["left_shoulder"]] @ segment_direction("upper_arm", "left")
+    assert outward[0] > (before[INDEX["left_shoulder"]] @ segment_direction("upper_arm", "left"))[0]
+
+
+@pytest.mark.parametrize("fps", [30.0, 24.0, 120.0])
+def test_resampling_follows_time_on_an_even_turn(fps):
+    time = np.arange(101) / 50.0
+    poses = np.zeros((101, 22, 3))
+    poses[:, 3, 1] = 1.3 * time  # radians about y at 1.3 a second
+    motion = resample(Motion(poses, np.stack([time, 0 * time, 0 * time], axis=1), 50.0, "turn"), fps)
+    assert motion.fps == fps
+    assert len(motion.poses) == int(2 * fps) + 1
+    wanted = np.arange(len(motion.poses)) / fps
+    np.testing.assert_allclose(motion.poses[:, 3, 1], 1.3 * wanted, atol=1e-9)
+    np.testing.assert_allclose(motion.trans[:, 0], wanted, atol=1e-9)
+
+
+def test_resampling_at_the_same_rate_changes_nothing():
+    motion = make_motion("walk")
+    assert resample(motion, 30.0) is motion
+
+
+@pytest.mark.parametrize(("arguments", "text"), [
+    ({"kind": "fly"}, "not in the library"),
+    ({"kind": "walk", "tempo": 0.0}, "tempo"),
+    ({"kind": "walk", "seconds": -1}, "seconds"),
+    ({"kind": "walk", "fps": 0}, "fps"),
+])  # fmt: skip
+def test_bad_arguments_are_named(arguments, text):
+    with pytest.raises(InputError, match=text):
+        make_motion(**arguments)
+
+
+def test_a_motion_that_is_not_finite_is_refused():
+    poses = np.zeros((3, 22, 3))
+    poses[1, 4, 0] = np.nan
+    with pytest.raises(InputError, match="not finite"):
+        Motion(poses, np.zeros((3, 3)), 30.0, "broken")
