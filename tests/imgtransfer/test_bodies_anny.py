@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.anny import load_body
 from imgtransfer.bodies.build import SKIN_VERTICES, build
+from imgtransfer.bodies.retarget import BONES
 from imgtransfer.bodies.rotations import about, between, twist
 from imgtransfer.bodies.smpl import INDEX, PARENTS, global_rotations, local_poses
 
@@ -25,8 +27,6 @@ def head(body, transforms, name):
 
 
 def bone(body, transforms, name):
-    from imgtransfer.bodies.retarget import BONES
-
     return head(body, transforms, name)[list(BONES).index(name)]
 
 
@@ -37,7 +37,9 @@ def test_the_rest_mesh_is_closed_and_wound_outwards(body):
     assert all((b, a) in directed for a, b in directed)  # every edge has its opposite: watertight, consistent
     corners = body.rest[body.faces].astype(float)
     volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
-    assert volume == pytest.approx(0.0498, rel=0.01)  # of the full skin; positive: counter-clockwise from outside
+    assert volume == pytest.approx(
+        0.0498, rel=0.01
+    )  # of the full skin; positive: counter-clockwise from outside
     assert len(body.rest) - len(directed) // 2 + len(body.faces) == 2  # one piece without handles
 
 
@@ -78,7 +80,7 @@ def test_skinning_equals_a_plain_loop(body):
 
 
 def test_the_root_stands_where_the_clip_convention_says(body):
-    vertices, transforms, bones = posed(body, np.random.default_rng(1).normal(0, 0.4, (1, 22, 3)))
+    _, transforms, bones = posed(body, np.random.default_rng(1).normal(0, 0.4, (1, 22, 3)))
     root = transforms[0, 0, :, :3] @ body.joints_rest[0] + transforms[0, 0, :, 3]
     np.testing.assert_allclose(root, bones.root[0], atol=1e-12)
     # The middle of the hip joints is 9 cm below SMPL's pelvis joint, along the turned pelvis.
@@ -130,14 +132,16 @@ def test_interpolation_meets_its_ends_and_keeps_bones_together(body):
     _, _, bones = posed(body, np.random.default_rng(3).normal(0, 0.4, (1, 22, 3)))
     rest = body.rest_pose()
     for share, wanted in ((0.0, rest), (1.0, bones)):
-        np.testing.assert_allclose(body.interpolate(rest, bones, share).rotations, wanted.rotations, atol=1e-9)
+        np.testing.assert_allclose(
+            body.interpolate(rest, bones, share).rotations, wanted.rotations, atol=1e-9
+        )
     halfway = body.transforms(body.interpolate(rest, bones, 0.5))[0]
     elbow = body.heads["lowerarm01.L"]
-    from imgtransfer.bodies.retarget import BONES
-
     names = list(BONES)
     upper, lower = halfway[names.index("upperarm02.L")], halfway[names.index("lowerarm01.L")]
-    np.testing.assert_allclose(upper[:, :3] @ elbow + upper[:, 3], lower[:, :3] @ elbow + lower[:, 3], atol=1e-9)
+    np.testing.assert_allclose(
+        upper[:, :3] @ elbow + upper[:, 3], lower[:, :3] @ elbow + lower[:, 3], atol=1e-9
+    )
 
 
 def test_local_and_global_rotations_are_inverse():
@@ -168,7 +172,5 @@ def test_the_stored_body_is_what_anny_gives_and_poses_like_it(body, tmp_path):
     model = anny.Anny()
     skin = model(pose_parameters=None)["rest_vertices"][0, :SKIN_VERTICES].numpy()
     skin = skin @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    from scipy.spatial import cKDTree
-
     distance = cKDTree(skin).query(body.rest)[0]
     assert np.percentile(distance, 90) < 0.012  # skin vertices are about 1 cm apart

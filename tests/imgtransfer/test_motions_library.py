@@ -52,7 +52,9 @@ def test_hanging_arm_and_raised_arm_by_hand():
     angles = within_limits({"left_raise": np.array([90.0]), "right_raise": np.array([20.0])}, 1)
     rotations = global_rotations(poses_from_angles(angles))[0]
     left = rotations[INDEX["left_shoulder"]] @ segment_direction("upper_arm", "left")
-    np.testing.assert_allclose(left, segment_direction("upper_arm", "left"), atol=1e-9)  # level, as in the T-pose
+    np.testing.assert_allclose(
+        left, segment_direction("upper_arm", "left"), atol=1e-9
+    )  # level, as in the T-pose
     right = rotations[INDEX["right_shoulder"]] @ np.array([-1.0, 0, 0])
     np.testing.assert_allclose(right, [-np.sin(np.radians(20)), -np.cos(np.radians(20)), 0], atol=1e-9)
 
