@@ -1,0 +1,60 @@
+"""Multi-head attention and the MLP, the two layers that encoder and refinement share."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+
+class Attention(nn.Module):
+    """Multi-head attention (Vaswani et al. 2017).
+
+    Args:
+        dim: width of the tokens, a multiple of `heads`.
+        heads: number of heads.
+    """
+
+    def __init__(self, dim: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.query = nn.Linear(dim, dim)
+        self.key_value = nn.Linear(dim, 2 * dim)
+        self.output = nn.Linear(dim, dim)
+
+    def forward(self, tokens: Tensor, context: Tensor) -> Tensor:
+        """(B, M, dim) queries and (B, M', dim) keys and values -> (B, M, dim). Self-attention: pass the same
+        twice.
+        """
+        query = self._split(self.query(tokens))
+        key, value = (self._split(part) for part in self.key_value(context).chunk(2, dim=-1))
+        # Written out, not scaled_dot_product_attention: for the few tokens here (65 to 257) its CPU kernel
+        # takes up to four times as long in bfloat16, forward and backward.
+        weights = torch.softmax((query * query.shape[-1] ** -0.5) @ key.mT, dim=-1)
+        return self.output((weights @ value).transpose(1, 2).flatten(2))
+
+    def _split(self, tokens: Tensor) -> Tensor:
+        """(B, M, dim) -> (B, heads, M, dim / heads)."""
+        return tokens.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+
+
+def mlp(dim: int) -> nn.Sequential:
+    """Linear layers of [4 dim, dim] with GELU between (appendix C: [3072, 768])."""
+    return nn.Sequential(nn.Linear(dim, 4 * dim), nn.GELU(), nn.Linear(4 * dim, dim))
+
+
+def sine_cosine_grid(grid: tuple[int, int], dim: int) -> Tensor:
+    """Start values of a position embedding: sines and cosines of row and column (He et al. 2022, MAE).
+
+    Args:
+        grid: (rows, columns) of patches.
+        dim: a multiple of 4.
+
+    Returns:
+        (rows * columns, dim) float32, row-major; the first half of the features tells the row.
+    """
+    frequency = 100.0 ** -torch.linspace(0, 1, dim // 4)
+    rows, columns = torch.meshgrid(*(torch.arange(n, dtype=torch.float32) for n in grid), indexing="ij")
+    angle = (
+        torch.stack([rows.flatten(), columns.flatten()], dim=1)[..., None] * frequency
+    )  # (M, 2 axes, dim/4)
+    return torch.cat([angle.sin(), angle.cos()], dim=-1).flatten(1)

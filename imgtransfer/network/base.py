@@ -1,0 +1,141 @@
+"""The first guess that a residual network corrects: the posed body's images, moved out to the garment.
+
+Garment and body share the cameras, so under nearly every garment pixel lies a body pixel. Its motion, and
+that of the template's offset from it, is where the cloth would be if it were glued to the body. No skinning
+weights are used: how the surface turns is read off the body's images.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from scipy import ndimage
+from torch import Tensor
+
+from imgtransfer.network.local_frames import LocalFrames, window
+from render import InputError
+
+SPREAD = 7  # samples along each side of the window that smooths the extension
+FrameMode = Literal["canonical", "body"]
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A first guess for a batch of frames.
+
+    Args:
+        positions: (B, S, H, W, 3) float32, metres, canonical frame; 0 off the silhouette.
+        normals: (B, S, H, W, 3) float32, about unit length; 0 off the silhouette.
+        rotation: (B, S, H, W, 3, 3) float32, rest to posed, or None where the axes stay the canonical
+            frame's.
+    """
+
+    positions: Tensor
+    normals: Tensor
+    rotation: Tensor | None
+
+    def turn(self, residual: Tensor) -> Tensor:
+        """(B, S, H, W, 3) in the guess's axes -> the same in the canonical frame's."""
+        if self.rotation is None:
+            return residual
+        return apply(self.rotation, residual)
+
+
+class BodyGuess:
+    """Everything about the first guess that is constant for one template and one rest body.
+
+    Args:
+        mask: (S, H, W) bool, the garment's silhouette.
+        template_positions: (S, H, W, 3) float32, metres.
+        template_normals: (S, H, W, 3) float32, unit.
+        body_mask: (S, H, W) bool, the body's silhouette by the same cameras.
+        rest_positions: (S, H, W, 3) float32, metres, the rest body.
+        rest_normals: (S, H, W, 3) float32, unit.
+        frame: "canonical" keeps the axes of offset and residual, "body" turns them with the surface below.
+
+    Raises:
+        InputError: a view in which the body covers no pixel.
+    """
+
+    def __init__(
+        self,
+        *,
+        mask: Tensor,
+        template_positions: Tensor,
+        template_normals: Tensor,
+        body_mask: Tensor,
+        rest_positions: Tensor,
+        rest_normals: Tensor,
+        frame: FrameMode,
+    ) -> None:
+        self.mask = mask
+        pixels, index, weight = _extension(mask.cpu().numpy(), body_mask.cpu().numpy())
+        self._pixels = torch.from_numpy(pixels).to(mask.device)
+        self._index = torch.from_numpy(index).to(mask.device)
+        self._weight = torch.from_numpy(weight).to(template_positions)
+        self._offset = (template_positions - self.extend(rest_positions)) * mask[..., None]
+        self._normals = template_normals
+        self._rest_normals = rest_normals
+        self._frames = LocalFrames(body_mask, rest_positions, rest_normals) if frame == "body" else None
+
+    def extend(self, body: Tensor) -> Tensor:
+        """(..., S, H, W, C) body images -> the same, extended smoothly over the garment's silhouette, 0
+        elsewhere.
+
+        Where the body covers the pixel its own value stands; elsewhere a mean of the nearest covered pixels'
+        values over a window that grows with the distance to the body, so that the extension has no seams.
+        """
+        flat = body.flatten(-4, -2) * self.mask.flatten()[:, None]
+        nearest = body.flatten(-4, -2)[..., self._index, :]  # (..., P, SPREAD ** 2, C)
+        flat[..., self._pixels, :] = (nearest * self._weight[..., None]).sum(-2)
+        return flat.unflatten(-2, self.mask.shape)
+
+    def __call__(self, positions: Tensor, normals: Tensor) -> Guess:
+        """The guess for posed bodies.
+
+        Args:
+            positions: (B, S, H, W, 3) float32, metres, body images decoded, canonical frame.
+            normals: (B, S, H, W, 3) float32, unit, body images decoded.
+        """
+        moved = self.extend(positions)
+        if self._frames is None:
+            turned = self._normals + self.extend(normals - self._rest_normals)
+            return Guess(moved + self._offset, turned, None)
+        rotation = self._frames(positions, normals)
+        return Guess(moved + apply(rotation, self._offset), apply(rotation, self._normals), rotation)
+
+
+def apply(rotation: Tensor, vectors: Tensor) -> Tensor:
+    """(..., 3, 3) times (..., 3). Not a matrix product, which autocast would round to bfloat16."""
+    return (rotation * vectors[..., None, :]).sum(-1)
+
+
+def _extension(mask: np.ndarray, body_mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which body pixels stand for the garment pixels that the body does not cover.
+
+    Args:
+        mask: (S, H, W) bool, the garment's silhouette.
+        body_mask: (S, H, W) bool, the body's.
+
+    Returns:
+        pixels (P,) flat indices of the garment's uncovered pixels; index (P, SPREAD²) int64 flat indices of
+        covered body pixels; weight (P, SPREAD²) float32, sums to 1.
+    """
+    views, height, width = mask.shape
+    pixels, indices, weights = [], [], []
+    for view in range(views):
+        if not body_mask[view].any():
+            raise InputError(f"the body covers no pixel of view {view}; do garment and body share one frame?")
+        distance, nearest = ndimage.distance_transform_edt(~body_mask[view], return_indices=True)
+        row, column = np.nonzero(mask[view] & ~body_mask[view])
+        sigma = distance[row, column] / 2
+        at_row, at_column, steps = window(row, column, reach=2 * sigma, samples=SPREAD, size=(height, width))
+        weight = np.exp(-2 * steps.sum(-1)) * np.ones((len(row), 1))
+        start = view * height * width
+        pixels.append(start + row * width + column)
+        indices.append(start + nearest[0][at_row, at_column] * width + nearest[1][at_row, at_column])
+        weights.append(weight / weight.sum(1, keepdims=True))
+    return np.concatenate(pixels), np.concatenate(indices), np.concatenate(weights).astype(np.float32)

@@ -1,0 +1,171 @@
+"""The trained thing: both transfer networks, with the garment and the encoding that they were made for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from imgtransfer.data.canonical import RootFrames, root_frames
+from imgtransfer.data.clip import Clip
+from imgtransfer.network.config import MapsConfig, NetworkConfig
+from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_maps
+from imgtransfer.network.transfer import TransferNet
+from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
+
+# A decoder output of 1 in residual mode: about the size of the residuals, so that the networks deal with
+# numbers near 1. Positions in metres, normals as parts of a unit vector.
+POSITION_RESIDUAL_M = 0.05
+NORMAL_RESIDUAL = 0.5
+FRAMES_AT_ONCE = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The maps of one clip, predicted.
+
+    Args:
+        positions: (T, S, H, W, 3) float32, encoded by `box`; background 0.
+        normals: (T, S, H, W, 3) float32, encoded, of unit length where covered; background 0.
+        frames: the canonical frames that the maps are in.
+        imager: of the garment's template.
+        box: of the positions.
+        fps: frames a second.
+    """
+
+    positions: Tensor
+    normals: Tensor
+    frames: RootFrames
+    imager: TemplateImager
+    box: PositionBox
+    fps: float
+
+    def metres(self) -> Tensor:
+        """(T, S, H, W, 3) float32, decoded positions, canonical frame; background 0."""
+        return self.box.decode(self.positions) * self.imager.mask[..., None]
+
+
+class TransferModel(nn.Module):
+    """f_p and f_n of equation 2 for one garment.
+
+    Args:
+        maps: how meshes become images.
+        network: sizes and switches of both networks.
+        template: the garment.
+        box: of the garment's positions.
+
+    Raises:
+        InputError: the map size does not suit the encoder's patch.
+    """
+
+    mask: Tensor
+    garment_positions: Tensor
+    garment_normals: Tensor
+
+    def __init__(self, *, maps: MapsConfig, network: NetworkConfig, template: Mesh, box: PositionBox) -> None:
+        super().__init__()
+        self.maps, self.network, self.box = maps, network, box
+        self.position_net = TransferNet(network, maps.size, views=len(maps.views))
+        self.normal_net = TransferNet(network, maps.size, views=len(maps.views))
+        self.imager = TemplateImager.build(template, views=maps.views, size=maps.size)
+        vertices = torch.as_tensor(template.vertices, dtype=torch.float32)[None]
+        images = ImagePair.encode(*metric_maps(self.imager, vertices), self.imager.mask, box)
+        # Buffers, so that they move with the networks; made again from the template, so not stored.
+        self.register_buffer("mask", self.imager.mask, persistent=False)
+        self.register_buffer("garment_positions", images.positions, persistent=False)
+        self.register_buffer("garment_normals", images.normals, persistent=False)
+
+    @property
+    def device(self) -> torch.device:
+        """Where the networks are."""
+        return self.garment_positions.device
+
+    def garment(self) -> ImagePair:
+        """The template's images, (1, S, H, W, 3)."""
+        return ImagePair(self.garment_positions, self.garment_normals)
+
+    def body_imager(self, clip: Clip) -> BodyImager:
+        """Images the clip's body as this model needs it.
+
+        Raises:
+            InputError: the clip's garment is not the model's.
+        """
+        self.check_garment(clip)
+        body = Mesh(clip.body_rest, clip.body_faces, clip.name)
+        return BodyImager(self.imager, body, box=self.box, config=self.network, device=self.device)
+
+    def check_garment(self, clip: Clip) -> None:
+        """Raise InputError unless the clip's garment is the model's, vertex by vertex to 1/100 mm."""
+        mine = self.imager.mesh
+        same = clip.garment_faces.shape == mine.faces.shape and np.array_equal(clip.garment_faces, mine.faces)
+        if not same or not np.allclose(clip.template_vertices, mine.vertices, rtol=0, atol=1e-5):
+            raise InputError(
+                f"{clip.name}: its garment ({len(clip.template_vertices)} vertices, {len(clip.garment_faces)} faces) is "
+                f"not the model's ({len(mine.vertices)}, {len(mine.faces)}); train a model on this garment"
+            )
+
+    def forward(
+        self, body: BodyMaps, *, garment: ImagePair | None = None, tokens: tuple[Tensor, Tensor] | None = None
+    ) -> ImagePair:
+        """Images of the deformed garment.
+
+        Args:
+            body: maps of B posed bodies.
+            garment: the template's images, if not the model's own (a mirrored garment).
+            tokens: `encode_garment()` of an earlier call.
+
+        Returns:
+            encoded images, (B, S, H, W, 3) each; values off the silhouette mean nothing, normals are not yet
+            unit.
+        """
+        garment = garment or self.garment()
+        position_tokens, normal_tokens = tokens or (None, None)
+        positions = self.position_net(
+            garment.positions, body.images.positions, garment_tokens=position_tokens
+        )
+        normals = self.normal_net(garment.normals, body.images.normals, garment_tokens=normal_tokens)
+        guess = body.guess
+        if guess is None:
+            return ImagePair(positions, normals)
+        return ImagePair(
+            self.box.encode(guess.positions + guess.turn(POSITION_RESIDUAL_M * positions)),
+            encode_normals(guess.normals + guess.turn(NORMAL_RESIDUAL * normals)),
+        )
+
+    def calibrate(self, images: ImagePair) -> None:
+        """Let the shortcuts, where there are any, take their statistics from typical images of the body."""
+        for network, typical in ((self.position_net, images.positions), (self.normal_net, images.normals)):
+            if network.pose_code is not None:
+                network.pose_code.calibrate(typical)
+
+    def encode_garment(self) -> tuple[Tensor, Tensor]:
+        """The template's tokens of both networks, (1, S, 1 + M, dim) each."""
+        return self.position_net.encode(self.garment_positions), self.normal_net.encode(self.garment_normals)
+
+    @torch.no_grad()
+    def predict(self, clip: Clip, progress: Callable[[Iterable[int]], Iterable[int]] = iter) -> Prediction:
+        """Predict the maps of every frame; the garment's own motion is not looked at.
+
+        Args:
+            clip: a body in motion and the model's garment.
+            progress: wraps the iteration over the first frames of batches, such as tqdm.
+
+        Raises:
+            InputError: the clip's garment is not the model's.
+        """
+        imager = self.body_imager(clip)
+        frames = root_frames(clip, self.maps.root)
+        vertices = frames.to_canonical(clip.body_vertices)
+        tokens = self.encode_garment()
+        positions, normals = [], []
+        for start in progress(range(0, clip.n_frames, FRAMES_AT_ONCE)):
+            batch = torch.from_numpy(vertices[start : start + FRAMES_AT_ONCE]).to(self.device)
+            images = self(imager(batch), tokens=tokens)
+            kept = self.mask[..., None]
+            unit = nn.functional.normalize(images.normals * 2 - 1, dim=-1)
+            positions.append((images.positions * kept).cpu())
+            normals.append((encode_normals(unit) * kept).cpu())
+        return Prediction(torch.cat(positions), torch.cat(normals), frames, self.imager, self.box, clip.fps)

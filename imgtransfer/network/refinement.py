@@ -1,0 +1,37 @@
+"""Pose-conditioned feature refinement: the garment's tokens look at the body's (section 3.2, equations 9 to
+11).
+"""
+
+from __future__ import annotations
+
+from torch import Tensor, nn
+
+from imgtransfer.network.attention import Attention, mlp
+
+
+class RefinementBlock(nn.Module):
+    """One of the K blocks: cross-attention to the body, self-attention, MLP.
+
+    Args:
+        dim: width of the tokens.
+        heads: heads of both attentions (4 in the paper).
+    """
+
+    def __init__(self, dim: int, heads: int) -> None:
+        super().__init__()
+        self.norm_cross = nn.LayerNorm(dim)
+        self.cross = Attention(dim, heads)
+        self.norm_self = nn.LayerNorm(dim)
+        self.self_attention = Attention(dim, heads)
+        self.norm_mlp = nn.LayerNorm(dim)
+        self.mlp = mlp(dim)
+
+    def forward(self, garment: Tensor, body: Tensor) -> Tensor:
+        """(B, M, dim) garment tokens, (B, M', dim) body tokens -> (B, M, dim) garment tokens.
+
+        The body's tokens enter without a norm of this block, as in equation 9; the encoder ends with one.
+        """
+        garment = garment + self.cross(self.norm_cross(garment), body)  # equation 9
+        normed = self.norm_self(garment)
+        garment = garment + self.self_attention(normed, normed)  # equation 10
+        return garment + self.mlp(self.norm_mlp(garment))  # equation 11

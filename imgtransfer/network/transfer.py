@@ -1,0 +1,79 @@
+"""The transfer network: (template image, posed-body image) -> image of the deformed garment (equation 2)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from imgtransfer.network.config import NetworkConfig
+from imgtransfer.network.decoder import Decoder
+from imgtransfer.network.refinement import RefinementBlock
+from imgtransfer.network.shortcuts import PoseCode
+from imgtransfer.network.vit import build_encoder
+
+
+class TransferNet(nn.Module):
+    """f_p or f_n of equation 2 (section 3.2 and appendix C); views are independent of each other.
+
+    Args:
+        config: sizes and switches.
+        size: (height, width) of the images, pixels.
+        views: S, for the shortcuts' statistics.
+
+    Raises:
+        InputError: `size` is not a multiple of the encoder's patch.
+    """
+
+    def __init__(self, config: NetworkConfig, size: tuple[int, int], *, views: int = 2) -> None:
+        super().__init__()
+        self.config = config
+        self.encoder = build_encoder(config.encoder, size)
+        self.refinement = nn.ModuleList(
+            RefinementBlock(config.encoder.dim, config.heads) for _ in range(config.blocks)
+        )
+        self.decoder = Decoder(
+            dim=config.encoder.dim,
+            blocks=config.encoder.patch.bit_length() - 1,
+            linear=config.shortcuts,
+            zero_start=config.target == "residual",
+        )
+
+        rows, columns = self.encoder.grid
+        self.pose_code = None
+        if config.shortcuts:
+            self.pose_code = PoseCode(views=views, tokens=rows * columns, dim=config.encoder.dim)
+
+    def encode(self, images: Tensor) -> Tensor:
+        """(B, S, H, W, 3) images, background 0 -> (B, S, 1 + M, dim) tokens; views folded into the batch."""
+        tokens = self.encoder(images.flatten(0, 1).movedim(-1, 1))
+        return tokens.unflatten(0, images.shape[:2])
+
+    def forward(self, garment: Tensor, body: Tensor, *, garment_tokens: Tensor | None = None) -> Tensor:
+        """Transfer a batch of frames.
+
+        Args:
+            garment: (1 or B, S, H, W, 3) float32, template images in [0, 1].
+            body: (B, S, H, W, 3) float32, images of the posed body by the same cameras.
+            garment_tokens: (1 or B, S, 1 + M, dim), `encode(garment)` of an earlier call: the template does
+                not change, so a prediction encodes it once.
+
+        Returns:
+            (B, S, H, W, 3) float32, not clipped; what it means is `config.target`. Values off the garment's
+            silhouette mean nothing.
+        """
+        if garment_tokens is None:
+            garment_tokens = self.encode(garment)
+        body_tokens = self.encode(body).flatten(0, 1)
+        tokens = garment_tokens.expand(len(body), -1, -1, -1).flatten(0, 1)
+        if self.pose_code is not None:
+            code = self.pose_code(body).flatten(0, 1)
+            tokens = tokens + body_tokens + functional.pad(code, (0, 0, 1, 0))  # nothing for [CLS]
+        for block in self.refinement:
+            tokens = block(tokens, body_tokens)
+        grid = self.encoder.grid
+        features = (
+            tokens[:, 1:].unflatten(1, grid).movedim(-1, 1)
+        )  # without [CLS]: (B * S, dim, rows, columns)
+        image = self.decoder(features).movedim(1, -1)
+        return image.unflatten(0, body.shape[:2]).to(torch.float32)

@@ -1,0 +1,131 @@
+"""Models and training states on disk: safetensors files that say what they hold."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
+from render import InputError, Mesh, PositionBox
+from render.files import written_whole
+
+MODEL_FILE, STATE_FILE = "model.safetensors", "state.safetensors"
+MODEL_FORMAT, STATE_FORMAT, FORMAT_VERSION = "imgtransfer-model", "imgtransfer-training-state", 1
+
+
+def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32", steps: int = 0) -> Path:
+    """Write a model whole or not at all.
+
+    The file's header holds, as JSON, the format and its version, both configurations and the position box;
+    the template is stored as tensors beside the weights.
+
+    Args:
+        path: a .safetensors file.
+        model: what to write.
+        stored: "float32" or "float16", the number type of the weights.
+        steps: how many steps it was trained for, for the record.
+    """
+    dtype = {"float32": torch.float32, "float16": torch.float16}[stored]
+    tensors = {f"model.{key}": value.to(dtype) for key, value in model.state_dict().items()}
+    tensors["template_vertices"] = torch.from_numpy(model.imager.mesh.vertices)
+    tensors["template_faces"] = torch.from_numpy(model.imager.mesh.faces.astype(np.int32))
+    header = {
+        "format": MODEL_FORMAT,
+        "format_version": FORMAT_VERSION,
+        "maps": model.maps.model_dump(mode="json"),
+        "network": model.network.model_dump(mode="json"),
+        "box_lo": model.box.lo.tolist(),
+        "box_hi": model.box.hi.tolist(),
+        "steps": steps,
+    }
+    return write_tensors(path, tensors, header)
+
+
+def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> TransferModel:
+    """Read a model for prediction.
+
+    Args:
+        path: a model file, or a run's folder with `model.safetensors` in it.
+        device: where the networks shall be.
+
+    Raises:
+        InputError: no such file, not a model, of another format version, or weights that do not fit the sizes
+            that the file's header states.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / MODEL_FILE
+    tensors, header = read_tensors(path, MODEL_FORMAT)
+    try:
+        maps, network = (
+            MapsConfig.model_validate(header["maps"]),
+            NetworkConfig.model_validate(header["network"]),
+        )
+        box = PositionBox(np.asarray(header["box_lo"]), np.asarray(header["box_hi"]))
+        template = Mesh(
+            tensors.pop("template_vertices").numpy(), tensors.pop("template_faces").numpy(), str(path)
+        )
+    except (KeyError, ValueError) as error:  # pydantic's ValidationError is a ValueError
+        raise InputError(f"{path}: not a model that this version can read ({_line(error)})") from error
+    model = TransferModel(maps=maps, network=network, template=template, box=box)
+    load_weights(model, tensors, path)
+    return model.eval().to(device)
+
+
+def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -> None:
+    """Put the tensors "model.*" into the model, each and no other; InputError where they are another
+    architecture's.
+    """
+    weights = {
+        key.removeprefix("model."): value.float()
+        for key, value in tensors.items()
+        if key.startswith("model.")
+    }
+    try:
+        model.load_state_dict(weights, strict=True)
+    except RuntimeError as error:
+        raise InputError(f"{path}: the weights are of another architecture ({_line(error)})") from error
+
+
+def write_tensors(path: str | Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> Path:
+    """Write a safetensors file whole or not at all; `header` becomes JSON in its metadata."""
+    whole = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
+    with written_whole(Path(path)) as temporary:
+        save_file(whole, temporary, metadata={"imgtransfer": json.dumps(header)})
+    return Path(path)
+
+
+def read_tensors(path: Path, wanted: str) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Tensors and header of a file that `write_tensors` made.
+
+    Raises:
+        InputError: no such file, not safetensors, or not of format `wanted` and this version.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; `imgtransfer train` writes it")
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118, not a dict
+        header = json.loads(metadata.get("imgtransfer", "{}"))
+    except (SafetensorError, OSError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: not a readable safetensors file ({_line(error)})") from error
+    found = (header.get("format"), header.get("format_version"))
+    if found != (wanted, FORMAT_VERSION):
+        raise InputError(
+            f"{path}: {wanted} version {FORMAT_VERSION} wanted, found {found[0]} version {found[1]}"
+        )
+    return tensors, header
+
+
+def _line(error: Exception) -> str:
+    """The error on one line, cut where a list of weights would run on."""
+    text = " ".join(str(error).split())
+    return text if len(text) <= 200 else text[:200] + " ..."

@@ -1,0 +1,135 @@
+"""The configuration of a training run: what `imgtransfer train` reads from YAML and writes beside its
+results.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from imgtransfer.network.config import MapsConfig, NetworkConfig
+from render import InputError
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ClipChoice(_Section):
+    """Which clips of the source, see `imgtransfer.data.source.open_clips`."""
+
+    split: str | None = None
+    """A data set's split; None for a folder of clip npz files, which has none."""
+    names: tuple[str, ...] | None = None
+    """Glob patterns of the clips to take; None takes all."""
+    exclude: tuple[str, ...] = ()
+    """Glob patterns of the clips to leave out."""
+
+
+class DataConfig(_Section):
+    """The clips."""
+
+    source: Path
+    """A data set folder, a folder of clip npz files or one such file; relative to the working folder."""
+    train: ClipChoice = ClipChoice(split="train")
+    validation: ClipChoice = ClipChoice(split="test")
+    validation_frames: int = Field(default=64, ge=1)
+    """Frames, spread evenly over the validation clips, that each validation measures."""
+
+
+class TrainingConfig(_Section):
+    """The optimisation. Both networks are trained in one run on the same batches, each by a loss of its
+    own.
+    """
+
+    steps: int = Field(default=100_000, ge=1)
+    batch_frames: int = Field(default=8, ge=1)
+    optimizer: Literal["adam", "adamw"] = "adam"
+    learning_rate: float = Field(default=1e-4, gt=0)
+    schedule: Literal["constant", "cosine"] = "constant"
+    """The learning rate after the warm-up; cosine falls to 0 at the last step."""
+    warmup_steps: int = Field(default=0, ge=0)
+    weight_decay: float = Field(default=0.0, ge=0)
+    gradient_clip: float | None = Field(default=None, gt=0)
+    """Greatest norm of a network's gradient; None leaves it."""
+    mirror: bool = False
+    """Show half of the frames mirrored left to right, as images (columns flipped, x negated)."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of the networks' products; maps, weights and losses are float32 in either case."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    threads: int | None = Field(default=None, ge=1)
+    """CPU threads; None leaves the choice to the environment."""
+    seed: int = 0
+    validate_every_steps: int = Field(default=1000, ge=1)
+    checkpoint_every_steps: int = Field(default=1000, ge=1)
+    stored: Literal["float32", "float16"] = "float32"
+    """Number type of the weights in model.safetensors; resuming uses float32 weights in any case."""
+
+
+class RunConfig(_Section):
+    """One training run."""
+
+    data: DataConfig
+    maps: MapsConfig = MapsConfig()
+    network: NetworkConfig = NetworkConfig()
+    training: TrainingConfig = TrainingConfig()
+
+
+def load_config(path: str | Path, changes: Sequence[str] = ()) -> RunConfig:
+    """Read a run's YAML.
+
+    Args:
+        path: the file.
+        changes: "section.key=value" each, the value as YAML; they replace or add what the file says.
+
+    Raises:
+        InputError: no such file, not YAML, an unknown key, a value out of its range, or a change without "=".
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such file; the YAML of a training run is wanted, such as configs/demo.yaml"
+        )
+    try:
+        content = yaml.safe_load(path.read_text())
+        for change in changes:
+            _apply(content, change)
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
+    return parse_config(content, str(path))
+
+
+def parse_config(content: Any, source: str) -> RunConfig:
+    """Check the parsed content of a run's YAML; `source` is what the InputError calls it."""
+    try:
+        return RunConfig.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        found = f", found {first['input']!r}" if first["type"] not in ("missing", "value_error") else ""
+        raise InputError(
+            f"{source}: {where}: {first['msg']}{found} ({error.error_count()} faults)"
+        ) from error
+
+
+def to_yaml(config: RunConfig) -> str:
+    """All values, the defaults too, as YAML that `load_config` reads back."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+
+
+def _apply(content: Any, change: str) -> None:
+    key, equals, value = change.partition("=")
+    if not equals:
+        raise InputError(f"--set {change}: section.key=value is wanted, such as training.steps=100")
+    *sections, last = key.strip().split(".")
+    for name in sections:
+        if not isinstance(content, dict):
+            break
+        content = content.setdefault(name, {})
+    if not isinstance(content, dict):
+        raise InputError(f"--set {change}: {key} leads through something that is not a section")
+    content[last] = yaml.safe_load(value)

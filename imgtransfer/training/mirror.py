@@ -1,0 +1,62 @@
+"""Mirror images: what the cameras would have seen had the person's left been the right."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from imgtransfer.network.base import Guess
+from imgtransfer.network.maps import BodyMaps, ImagePair
+from render import InputError, PositionBox, TemplateImager
+
+
+class Mirror:
+    """Mirrors images in the plane x = centre in which the front and back cameras stand: columns are flipped
+    and the x of positions and normals turned round.
+
+    Args:
+        imager: of the garment.
+        mask: (S, H, W) bool, the garment's silhouette on the device of the images.
+        body_mask: (S, H, W) bool, the body's.
+        box: of the encoded positions.
+
+    Raises:
+        InputError: a view that is not symmetric in itself.
+    """
+
+    def __init__(self, imager: TemplateImager, mask: Tensor, body_mask: Tensor, box: PositionBox) -> None:
+        asymmetric = [camera.name for camera in imager.cameras if camera.name not in ("front", "back")]
+        if asymmetric:
+            raise InputError(
+                f"training.mirror needs front and back views only, found {', '.join(asymmetric)}"
+            )
+        centre = float(imager.cameras[0].view[:3, :3].T[0] @ -imager.cameras[0].view[:3, 3])  # the camera's x
+        self._twice_m = 2 * centre
+        self._twice = 2 * (centre - float(box.lo[0])) / float(box.hi[0] - box.lo[0])
+        self._garment, self._body = mask[..., None], body_mask[..., None]
+        self.mask = mask.flip(-1)
+
+    def garment(self, images: ImagePair) -> ImagePair:
+        """Mirrored images of the garment; their silhouette is `mask`."""
+        return self._pair(images, self._garment)
+
+    def body(self, maps: BodyMaps) -> BodyMaps:
+        """Mirrored images of the body, and the mirrored first guess."""
+        guess = None if maps.guess is None else self._guess(maps.guess)
+        return BodyMaps(self._pair(maps.images, self._body), guess)
+
+    def _pair(self, images: ImagePair, kept: Tensor) -> ImagePair:
+        return ImagePair(_flip(images.positions, self._twice, kept), _flip(images.normals, 1.0, kept))
+
+    def _guess(self, guess: Guess) -> Guess:
+        rotation = guess.rotation
+        if rotation is not None:  # M R M with M = diag(-1, 1, 1)
+            sign = rotation.new_tensor([-1.0, 1.0, 1.0])
+            rotation = (rotation * sign[:, None] * sign).flip(-3)
+        kept = self._garment
+        return Guess(_flip(guess.positions, self._twice_m, kept), _flip(guess.normals, 0.0, kept), rotation)
+
+
+def _flip(images: Tensor, twice: float, kept: Tensor) -> Tensor:
+    """(..., H, W, 3): first channel c to `twice` - c where `kept`, then columns in reverse."""
+    sign, shift = images.new_tensor([-1.0, 1.0, 1.0]), images.new_tensor([twice, 0.0, 0.0])
+    return ((images * sign + shift) * kept).flip(-2)

@@ -1,0 +1,221 @@
+"""One training run in memory: data, both networks, optimiser, the step it is at."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from imgtransfer.data.source import open_clips
+from imgtransfer.network import TransferModel, masked_l1
+from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
+from imgtransfer.training.checkpoint import (
+    FORMAT_VERSION,
+    MODEL_FILE,
+    STATE_FILE,
+    STATE_FORMAT,
+    load_weights,
+    read_tensors,
+    save_model,
+    write_tensors,
+)
+from imgtransfer.training.config import ClipChoice, RunConfig, TrainingConfig
+from imgtransfer.training.mirror import Mirror
+from imgtransfer.training.sampler import Frames, Order
+from render import InputError, Mesh, PositionBox
+
+VALIDATION_BATCH = 16
+CALIBRATION_FRAMES = 64
+
+
+class Trainer:
+    """One run: data, model, optimiser and the step it is at.
+
+    Args:
+        config: everything about the run.
+
+    Raises:
+        InputError: data that cannot be read, or that does not fit the configuration.
+    """
+
+    def __init__(self, config: RunConfig) -> None:
+        self.config, options = config, config.training
+        if options.threads:
+            torch.set_num_threads(options.threads)
+        self.device = torch.device(_device(options.device))
+        self.train_frames = self._frames(config.data.train)
+        self.validation_frames = self._frames(config.data.validation)
+        first = self.train_frames.first
+        # Seeded after the data and before the weights: the same seed gives the same run on any amount of
+        # data.
+        torch.manual_seed(options.seed)
+        self.model = TransferModel(
+            maps=config.maps,
+            network=config.network,
+            template=Mesh(first.template_vertices, first.garment_faces, first.name),
+            box=PositionBox.around(self.train_frames.garment.numpy()),
+        ).to(self.device)
+        self.model.check_garment(self.validation_frames.first)
+        self._bodies = {
+            id(f): self.model.body_imager(f.first) for f in (self.train_frames, self.validation_frames)
+        }
+        typical = self.train_frames.spread(CALIBRATION_FRAMES)
+        self.model.calibrate(self.batch(self.train_frames, typical)[0].images)
+        self.mirror = None
+        if options.mirror:
+            body_mask = self._bodies[id(self.train_frames)].mask
+            self.mirror = Mirror(self.model.imager, self.model.mask, body_mask, self.model.box)
+        self.order = Order(len(self.train_frames), options.batch_frames, options.seed)
+        kind = torch.optim.Adam if options.optimizer == "adam" else torch.optim.AdamW
+        self.optimizer = kind(
+            self.model.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay, fused=True
+        )
+        self.step = 0
+
+    def train_step(self) -> dict[str, float]:
+        """One optimisation step; returns what the log says about it."""
+        options = self.config.training
+        rate = learning_rate(options, self.step)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        body, truth = self.batch(self.train_frames, self.order.frames(self.step))
+        garment, mask = self.model.garment(), self.model.mask
+        if self.mirror is not None and self.order.coin(self.step):
+            body, truth, garment = (
+                self.mirror.body(body),
+                self.mirror.garment(truth),
+                self.mirror.garment(garment),
+            )
+            mask = self.mirror.mask
+        self.model.train()
+        with self._autocast():
+            predicted = self.model(body, garment=garment)
+        position_loss = masked_l1(predicted.positions, truth.positions, mask)
+        normal_loss = masked_l1(predicted.normals, truth.normals, mask)
+        self.optimizer.zero_grad()
+        # The networks share no weight, so the sum trains each by its own loss (equation 3).
+        (position_loss + normal_loss).backward()
+        if options.gradient_clip is not None:
+            for network in (self.model.position_net, self.model.normal_net):
+                nn.utils.clip_grad_norm_(network.parameters(), options.gradient_clip)
+        self.optimizer.step()
+        self.step += 1
+        return {
+            "position_loss": position_loss.item(),
+            "normal_loss": normal_loss.item(),
+            "learning_rate": rate,
+        }
+
+    @torch.no_grad()
+    def batch(self, frames: Frames, index: Tensor) -> tuple[BodyMaps, ImagePair]:
+        """What the networks are shown of frames `index`, and the true images."""
+        body = self._bodies[id(frames)](frames.body[index].to(self.device))
+        garment = frames.garment[index].to(self.device)
+        positions, normals = metric_maps(self.model.imager, garment)
+        return body, ImagePair.encode(positions, normals, self.model.mask, self.model.box)
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Mean errors over the covered pixels of frames spread over the validation clips.
+
+        Returns:
+            position_mm, the distance to the true position; normal_degrees, the angle to the true normal; and
+            where there is a first guess the same of it, as guess_position_mm and guess_normal_degrees.
+        """
+        self.model.eval()
+        sums: dict[str, float] = {}
+        index = self.validation_frames.spread(self.config.data.validation_frames)
+        for part in index.split(VALIDATION_BATCH):
+            body, truth = self.batch(self.validation_frames, part)
+            with self._autocast():
+                predicted = self.model(body)
+            found = self._errors(predicted, truth)
+            if body.guess is not None:
+                guess = ImagePair.encode(
+                    body.guess.positions, body.guess.normals, self.model.mask, self.model.box
+                )
+                found |= {f"guess_{key}": value for key, value in self._errors(guess, truth).items()}
+            for key, value in found.items():
+                sums[key] = sums.get(key, 0.0) + value * len(part) / len(index)
+        return sums
+
+    def _errors(self, predicted: ImagePair, truth: ImagePair) -> dict[str, float]:
+        mask = self.model.mask
+        extent = torch.as_tensor(
+            self.model.box.hi - self.model.box.lo, dtype=torch.float32, device=self.device
+        )
+        distance = ((predicted.positions - truth.positions)[:, mask] * extent).norm(dim=-1)
+        units = [
+            nn.functional.normalize(pair.normals[:, mask] * 2 - 1, dim=-1) for pair in (predicted, truth)
+        ]
+        angle = 2 * torch.asin(
+            (units[0] - units[1]).norm(dim=-1).clamp(max=2) / 2
+        )  # exact for small angles too
+        return {"position_mm": distance.mean().item() * 1000, "normal_degrees": angle.mean().rad2deg().item()}
+
+    def _frames(self, choice: ClipChoice) -> Frames:
+        clips = open_clips(
+            self.config.data.source, split=choice.split, names=choice.names, exclude=choice.exclude
+        )
+        if not clips:
+            raise InputError(
+                f"{self.config.data.source}: no clip matches {choice.model_dump(exclude_none=True)}"
+            )
+        return Frames.from_clips(clips, self.config.maps.root)
+
+    def _autocast(self) -> torch.autocast:
+        return torch.autocast(
+            self.device.type, torch.bfloat16, enabled=self.config.training.precision == "bfloat16"
+        )
+
+    def save(self, folder: Path) -> None:
+        """Write the model and the state to resume from; each file appears whole or not at all."""
+        save_model(folder / MODEL_FILE, self.model, stored=self.config.training.stored, steps=self.step)
+        tensors = {f"model.{key}": value for key, value in self.model.state_dict().items()}
+        for index, moments in self.optimizer.state_dict()["state"].items():
+            tensors |= {f"optimizer.{index}.{key}": value for key, value in moments.items()}
+        box = {"box_lo": self.model.box.lo.tolist(), "box_hi": self.model.box.hi.tolist()}
+        header = {"format": STATE_FORMAT, "format_version": FORMAT_VERSION, "step": self.step, **box}
+        write_tensors(folder / STATE_FILE, tensors, header)
+
+    def load(self, folder: Path) -> None:
+        """Go on where `save` left off.
+
+        Raises:
+            InputError: no state there, of another architecture, or trained on other data.
+        """
+        path = folder / STATE_FILE
+        tensors, header = read_tensors(path, STATE_FORMAT)
+        if [header["box_lo"], header["box_hi"]] != [self.model.box.lo.tolist(), self.model.box.hi.tolist()]:
+            raise InputError(
+                f"{path}: the training data have changed since; start a new run with another --out"
+            )
+        load_weights(self.model, tensors, path)
+        state: dict[int, dict[str, Tensor]] = {}
+        for key, value in tensors.items():
+            if key.startswith("optimizer."):
+                _, index, name = key.split(".", 2)
+                state.setdefault(int(index), {})[name] = value
+        groups = self.optimizer.state_dict()["param_groups"]
+        self.optimizer.load_state_dict({"state": state, "param_groups": groups})
+        self.step = int(header["step"])
+
+
+def learning_rate(options: TrainingConfig, step: int) -> float:
+    """The rate of step 0, 1, ...: a linear warm-up, then constant or half a cosine down to 0 at the end."""
+    if step < options.warmup_steps:
+        return options.learning_rate * (step + 1) / options.warmup_steps
+    if options.schedule == "constant":
+        return options.learning_rate
+    done = (step - options.warmup_steps) / max(options.steps - options.warmup_steps, 1)
+    return options.learning_rate * (1 + math.cos(math.pi * done)) / 2
+
+
+def _device(wanted: str) -> str:
+    if wanted == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if wanted == "cuda" and not torch.cuda.is_available():
+        raise InputError("training.device is cuda, but torch finds no CUDA device; use auto or cpu")
+    return wanted
