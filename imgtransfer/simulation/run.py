@@ -30,22 +30,26 @@ class Rejected(InputError):
 def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality]:
     """Simulate the garment on the Anny body that follows `motion`.
 
+    The clip's template is the garment as it hangs on the resting body, so that what a method must predict is the
+    motion's doing and not the fall from the pattern. The cloth's own rest shape is the pattern.
+
     A clip that fails a gate is simulated again with twice the substeps. Vertices left inside the body are pushed out to
     1 mm in front of it; positions are rounded to the 2⁻¹⁶ m grid, so that data sets store them compactly and exactly.
 
     Raises:
         Rejected: the second attempt failed, too.
     """
-    body, template = load_body(), _template(config.garment)
+    body, pattern = load_body(), _pattern(config.garment)
+    template = round_to_grid(_settled(config.garment, config.cloth, config.solver, config.fps))
     bones = _placed(body, motion)
     solver = config.solver
     for attempt in (solver, solver.model_copy(update={"substeps": 2 * solver.substeps})):
         vertices = np.stack(
-            list(_follow(body, template, bones, fps=motion.fps, config=config, solver=attempt))
+            list(_follow(body, pattern, template, bones, fps=motion.fps, config=config, solver=attempt))
         )
         transforms = body.transforms(bones)
         moved = round_to_grid(body.vertices(transforms))
-        vertices, quality = _checked(body, template, vertices, moved, motion.fps)
+        vertices, quality = _checked(body, pattern, vertices, moved, motion.fps)
         wrong = faults(quality, config.gates)
         if not wrong:
             break
@@ -53,8 +57,8 @@ def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality
         raise Rejected(f"{motion.name}: rejected after two attempts: {'; '.join(wrong)}")
     # Weights and transforms give the body before rounding, that is within 8 µm.
     clip = Clip(
-        template_vertices=round_to_grid(template.vertices),
-        garment_faces=template.faces.astype(np.int32),
+        template_vertices=template,
+        garment_faces=pattern.faces.astype(np.int32),
         garment_vertices=vertices,
         body_rest=round_to_grid(body.rest),
         body_faces=body.faces,
@@ -79,7 +83,7 @@ def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality
 
 
 @lru_cache(maxsize=4)
-def _template(garment: TShirtConfig) -> Mesh:
+def _pattern(garment: TShirtConfig) -> Mesh:
     return make_tshirt(load_body(), garment)
 
 
@@ -91,7 +95,8 @@ def _placed(body: AnnyBody, motion: Motion) -> BonePoses:
 
 def _follow(
     body: AnnyBody,
-    template: Mesh,
+    pattern: Mesh,
+    settled: np.ndarray,
     bones: BonePoses,
     *,
     fps: float,
@@ -99,8 +104,7 @@ def _follow(
     solver: SolverConfig,
 ) -> Iterator[np.ndarray]:
     """Yield the cloth (N, 3) at every frame of the motion, the first after settling and warming up."""
-    cloth = ClothOnBody(template, body.rest, body.faces, config.cloth, solver.iterations)
-    settled = _settled(config.garment, config.cloth, solver, fps)
+    cloth = ClothOnBody(pattern, body.rest, body.faces, config.cloth, solver.iterations)
     cloth.place(settled, np.zeros_like(settled), body.rest)
     rest, first = body.rest_pose(), _frame(bones, 0)
     frames = max(1, round(solver.warm_up_seconds * fps))
@@ -120,14 +124,16 @@ def _follow(
 
 @lru_cache(maxsize=4)
 def _settled(garment: TShirtConfig, material: ClothConfig, solver: SolverConfig, fps: float) -> np.ndarray:
-    """(N, 3) the cloth at rest on the resting body; the same for every clip, hence computed once a process."""
-    body, template = load_body(), _template(garment)
-    cloth = ClothOnBody(template, body.rest, body.faces, material, solver.iterations)
+    """(N, 3) the cloth at rest on the resting body, outside it; for every clip, hence computed once a process."""
+    body, pattern = load_body(), _pattern(garment)
+    cloth = ClothOnBody(pattern, body.rest, body.faces, material, solver.iterations)
     for _ in range(round(solver.settle_seconds * fps)):
         for _ in range(solver.substeps):
             cloth.step(body.rest, 1 / (fps * solver.substeps))
         cloth.place(cloth.vertices, SETTLE_DAMPING * cloth.velocities, body.rest)
-    return cloth.vertices
+    sdf = BodySdf(body.faces, len(body.rest))
+    sdf.update(body.rest)
+    return push_out(cloth.vertices, sdf)[0]
 
 
 def _advance(
@@ -144,11 +150,11 @@ def _frame(bones: BonePoses, number: int) -> BonePoses:
 
 
 def _checked(
-    body: AnnyBody, template: Mesh, vertices: np.ndarray, moved: np.ndarray, fps: float
+    body: AnnyBody, pattern: Mesh, vertices: np.ndarray, moved: np.ndarray, fps: float
 ) -> tuple[np.ndarray, Quality]:
     """The vertices (T, N, 3) outside the body (T, B, 3) and on the grid, and how good they are."""
     if not np.isfinite(vertices).all():
-        return vertices, measure(template, vertices, moved, before=np.zeros(0), after=np.zeros(0), fps=fps)
+        return vertices, measure(pattern, vertices, moved, before=np.zeros(0), after=np.zeros(0), fps=fps)
     sdf = BodySdf(body.faces, len(body.rest))
     pushed = []
     for cloth, skin in zip(vertices, moved, strict=True):
@@ -156,4 +162,4 @@ def _checked(
         pushed.append(push_out(cloth, sdf))
     outside, before, after = (np.stack(values) for values in zip(*pushed, strict=True))
     outside = round_to_grid(outside)
-    return outside, measure(template, outside, moved, before=before, after=after, fps=fps)
+    return outside, measure(pattern, outside, moved, before=before, after=after, fps=fps)

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import torch
 
+from fusion import BodySdf
 from imgtransfer.cli.main import main
 from imgtransfer.data.store import DataSet
 from imgtransfer.motions.library import make_motion
@@ -57,6 +59,10 @@ def test_the_shirt_stays_on_hangs_and_moves(made):
     assert 0.9 < np.percentile(stretch, 1) < np.percentile(stretch, 99) < 1.3
     moved = np.linalg.norm(clip.garment_vertices - clip.template_vertices, axis=-1)
     assert 0.002 < np.median(moved) < 0.1
+    # The template hangs on the resting body, outside it.
+    sdf = BodySdf(clip.body_faces, len(clip.body_rest))
+    sdf.update(clip.body_rest)
+    assert sdf.distance(torch.from_numpy(clip.template_vertices)).min() > 0
 
 
 def test_a_second_run_keeps_what_stands(made, capsys):
