@@ -82,7 +82,7 @@ def maps(case: Case, model: str) -> Picture:
         for view, camera in enumerate(imager.cameras):
             mask = imager.mask[view].numpy()
             pair = [image[view].numpy() for image in (true, predicted)]
-            difference = difference_picture(*(image * scale for image in pair), mask, unit=unit, limit=limit)
+            difference = difference_picture(pair[0] * scale, pair[1] * scale, mask, unit=unit, limit=limit)
             rows.append([*(_on_white(image, mask) for image in pair), difference])
             labels.append(f"{name}, {camera.name}")
     # Two rows of the sheet a kind: front and back beside each other.
