@@ -48,7 +48,8 @@ def run(args: argparse.Namespace) -> None:
         folder = args.out / folder_name(clip.name)
         save_prediction(folder, prediction, clip)
         print(f"{clip.name}: {clip.n_frames} frames in {folder}")
-    print(f"next: imgtransfer fuse {args.out} --data {args.source}")
+    maps, body = folder / MAPS_FILE, folder / VERTICES_FILE
+    print(f"next: imgtransfer fuse --maps {maps} --body {body} --out {folder}-fused")
 
 
 def save_prediction(folder: Path, prediction: Prediction, clip: Clip) -> None:

@@ -103,8 +103,8 @@ class TransferModel(nn.Module):
         same = clip.garment_faces.shape == mine.faces.shape and np.array_equal(clip.garment_faces, mine.faces)
         if not same or not np.allclose(clip.template_vertices, mine.vertices, rtol=0, atol=1e-5):
             raise InputError(
-                f"{clip.name}: its garment ({len(clip.template_vertices)} vertices, {len(clip.garment_faces)} faces) is "
-                f"not the model's ({len(mine.vertices)}, {len(mine.faces)}); train a model on this garment"
+                f"{clip.name}: its garment ({len(clip.template_vertices)} vertices, {len(clip.garment_faces)} faces) "
+                f"is not the model's ({len(mine.vertices)}, {len(mine.faces)}); train a model on this garment"
             )
 
     def forward(

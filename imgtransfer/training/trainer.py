@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import torch
@@ -21,9 +20,11 @@ from imgtransfer.training.checkpoint import (
     save_model,
     write_tensors,
 )
-from imgtransfer.training.config import ClipChoice, RunConfig, TrainingConfig
+from imgtransfer.training.config import ClipChoice, RunConfig
+from imgtransfer.training.measure import map_errors
 from imgtransfer.training.mirror import Mirror
 from imgtransfer.training.sampler import Frames, Order
+from imgtransfer.training.schedule import learning_rate
 from render import InputError, Mesh, PositionBox
 
 VALIDATION_BATCH = 16
@@ -131,29 +132,16 @@ class Trainer:
             body, truth = self.batch(self.validation_frames, part)
             with self._autocast():
                 predicted = self.model(body)
-            found = self._errors(predicted, truth)
+            found = map_errors(predicted, truth, self.model.mask, self.model.box)
             if body.guess is not None:
                 guess = ImagePair.encode(
                     body.guess.positions, body.guess.normals, self.model.mask, self.model.box
                 )
-                found |= {f"guess_{key}": value for key, value in self._errors(guess, truth).items()}
+                errors = map_errors(guess, truth, self.model.mask, self.model.box)
+                found |= {f"guess_{key}": value for key, value in errors.items()}
             for key, value in found.items():
                 sums[key] = sums.get(key, 0.0) + value * len(part) / len(index)
         return sums
-
-    def _errors(self, predicted: ImagePair, truth: ImagePair) -> dict[str, float]:
-        mask = self.model.mask
-        extent = torch.as_tensor(
-            self.model.box.hi - self.model.box.lo, dtype=torch.float32, device=self.device
-        )
-        distance = ((predicted.positions - truth.positions)[:, mask] * extent).norm(dim=-1)
-        units = [
-            nn.functional.normalize(pair.normals[:, mask] * 2 - 1, dim=-1) for pair in (predicted, truth)
-        ]
-        angle = 2 * torch.asin(
-            (units[0] - units[1]).norm(dim=-1).clamp(max=2) / 2
-        )  # exact for small angles too
-        return {"position_mm": distance.mean().item() * 1000, "normal_degrees": angle.mean().rad2deg().item()}
 
     def _frames(self, choice: ClipChoice) -> Frames:
         clips = open_clips(
@@ -201,16 +189,6 @@ class Trainer:
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": state, "param_groups": groups})
         self.step = int(header["step"])
-
-
-def learning_rate(options: TrainingConfig, step: int) -> float:
-    """The rate of step 0, 1, ...: a linear warm-up, then constant or half a cosine down to 0 at the end."""
-    if step < options.warmup_steps:
-        return options.learning_rate * (step + 1) / options.warmup_steps
-    if options.schedule == "constant":
-        return options.learning_rate
-    done = (step - options.warmup_steps) / max(options.steps - options.warmup_steps, 1)
-    return options.learning_rate * (1 + math.cos(math.pi * done)) / 2
 
 
 def _device(wanted: str) -> str:
