@@ -82,8 +82,7 @@ class BodyGuess:
         self._frames = LocalFrames(body_mask, rest_positions, rest_normals) if frame == "body" else None
 
     def extend(self, body: Tensor) -> Tensor:
-        """(..., S, H, W, C) body images -> the same, extended smoothly over the garment's silhouette, 0
-        elsewhere.
+        """(..., S, H, W, C) body images -> extended smoothly over the garment's silhouette, 0 elsewhere.
 
         Where the body covers the pixel its own value stands; elsewhere a mean of the nearest covered pixels'
         values over a window that grows with the distance to the body, so that the extension has no seams.

@@ -1,6 +1,4 @@
-"""How the posed body's surface has turned, read off its images: one rotation per pixel, without skinning
-weights.
-"""
+"""How the posed body's surface has turned, read off its images: one rotation per pixel, no skinning weights."""
 
 from __future__ import annotations
 
@@ -10,17 +8,14 @@ from scipy import ndimage
 from torch import Tensor
 from torch.nn import functional
 
-CELLS = (
-    32  # rotations along the longer side of the image; they vary slowly, pixels between them are interpolated
-)
+CELLS = 32  # rotations along the longer side of the image; they vary slowly, pixels between are interpolated
 REACH_M = 0.06  # standard deviation of the surface patch that a rotation is fitted to
 SAMPLES = 7  # along each side of the window that holds the patch
 POLAR_STEPS = 8
 
 
 class LocalFrames:
-    """Fits, around each cell of a coarse grid, the rotation that carries the rest body's surface to the posed
-    one.
+    """Fits the rotation that carries the rest body's surface to the posed one, around each cell of a coarse grid.
 
     The fit is Kabsch's over the surface points around the cell (weights fall with the distance on the rest
     body, so that an arm does not turn the flank beside it in the image), with the normals as further pairs:
@@ -55,8 +50,7 @@ class LocalFrames:
             slightly shorter than a rotation where neighbours differ.
         """
         views = positions.shape[1]
-        # sum over a patch of posed ⊗ rest, (B, C, 3, 3); the rest points' mean is 0, so the posed mean drops
-        # out
+        # Sums over a patch of posed ⊗ rest, (B, C, 3, 3); the rest points have mean 0, so the posed mean drops out.
         posed = positions.flatten(1, 3)[:, self._index]
         covariance = posed.mT @ self._points
         covariance += normals.flatten(1, 3)[:, self._index].mT @ self._normals
