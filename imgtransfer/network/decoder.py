@@ -22,9 +22,9 @@ class DecoderBlock(nn.Module):
         self.conv3 = nn.Conv2d(features, half, 3, padding=1)
         # Kernel 4 for stride 2: each output pixel gets equally many inputs, so no chequerboard.
         self.upsample = nn.ConvTranspose2d(half, half, 4, stride=2, padding=1)
-        # PyTorch's own start values shrink the signal about fivefold in each of the first blocks; these keep its variance. Swish passes
-        # about half of it on, the sum of equation 12 doubles it, and 4 of the 16 places of upsample's kernel
-        # meet.
+        # PyTorch's own start values shrink the signal about fivefold in each of the first blocks; these keep its
+        # variance. Swish passes about half of it on, the sum of equation 12 doubles it, and 4 of the 16 places of
+        # the upsampling kernel meet in a pixel.
         for conv, inputs, gain in (
             (self.conv1, 9 * features, 0.7),
             (self.conv2, 9 * half, 1.0),
