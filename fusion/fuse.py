@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,12 +83,13 @@ def fuse(
         body_faces=body_faces,
     )
     started = time.perf_counter()
-    solver = _Solver(imager, inputs, config, torch.device(device))
     pieces = []
-    for first in range(0, inputs.n_frames, config.batch_frames):
-        pieces.append(solver.solve(slice(first, first + config.batch_frames)))
-        if progress is not None:
-            progress(len(pieces[-1].vertices))
+    with _one_thread():
+        solver = _Solver(imager, inputs, config, torch.device(device))
+        for first in range(0, inputs.n_frames, config.batch_frames):
+            pieces.append(solver.solve(slice(first, first + config.batch_frames)))
+            if progress is not None:
+                progress(len(pieces[-1].vertices))
     vertices, start = (np.concatenate([getattr(p, key) for p in pieces]) for key in ("vertices", "initial"))
     report = _report(pieces, time.perf_counter() - started)
     report["unseen_percent"] = 100 * float(1 - imager.visible.any(axis=0).mean())
