@@ -96,6 +96,20 @@ def fuse(
     return FusionResult(vertices, start, report)
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep torch to one CPU thread: a step is a few dozen products of some 0.1 ms each, and threads that wait for
+    each other at every one cost more than they give (1,944 vertices, busy machine: 0.6 s a frame with two threads,
+    0.3 s with one).
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
 @dataclass(frozen=True, eq=False)
 class _Piece:
     """One batch of frames, solved."""
