@@ -36,7 +36,7 @@ class DataConfig(_Section):
     source: Path
     """A data set folder, a folder of clip npz files or one such file; relative to the working folder."""
     train: ClipChoice = ClipChoice(split="train")
-    validation: ClipChoice = ClipChoice(split="test")
+    validation: ClipChoice = ClipChoice(split="validation")
     validation_frames: int = Field(default=64, ge=1)
     """Frames, spread evenly over the validation clips, that each validation measures."""
 
