@@ -20,7 +20,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         description="Vertex order never changes. The ending of --out chooses the form.",
     )
     parser.add_argument("source", type=Path, help="data set, clip npz or folder of clip npz")
-    parser.add_argument("clip", help="name of the clip, as `imgtransfer inspect SOURCE` lists it")
+    parser.add_argument(
+        "clip",
+        nargs="?",
+        help="name of the clip, as `imgtransfer inspect SOURCE` lists it; not needed where there is one",
+    )
     parser.add_argument(
         "--out", required=True, type=Path, help="FILE.npz, FILE.glb, or a folder for one file a frame"
     )
@@ -46,9 +50,10 @@ def run(args: argparse.Namespace) -> None:
 
     if args.step is not None and (args.step < 1 or args.out.suffix.lower() == ".npz"):
         raise InputError(f"--step {args.step}: a whole number from 1 is wanted, and not with npz")
-    clips = open_clips(args.source, names=[args.clip])
+    clips = open_clips(args.source, names=None if args.clip is None else [args.clip])
     if len(clips) > 1:
-        raise InputError(f"{args.clip}: names {len(clips)} clips; export takes one")
+        named = ", ".join(clip.name for clip in clips)
+        raise InputError(f"{args.source}: export takes one clip; name one of {named}")
     kind = args.out.suffix.lower()
     if kind == ".npz":
         save_clip(args.out, clips[0])
