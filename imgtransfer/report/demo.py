@@ -56,10 +56,16 @@ class Case:
     vertices: dict[str, np.ndarray] = field(default_factory=dict)
     maps: dict[str, Deformation] = field(default_factory=dict)
 
+    @property
+    def truth_vertices(self) -> np.ndarray:
+        """(T, N, 3) the simulated garment; InputError for a clip that has only a body."""
+        if self.truth.garment_vertices is None:
+            raise InputError(f"{self.truth.name}: has no garment_vertices to compare with")
+        return self.truth.garment_vertices
+
     def error_mm(self, method: str) -> np.ndarray:
         """(T, N) distance of each vertex to the truth, millimetres."""
-        assert self.truth.garment_vertices is not None
-        return 1e3 * np.linalg.norm(self.vertices[method] - self.truth.garment_vertices, axis=-1)
+        return 1e3 * np.linalg.norm(self.vertices[method] - self.truth_vertices, axis=-1)
 
 
 def run_demo(out: Path, config: RunConfig, pretrained: Path) -> dict[str, dict[str, float]]:
@@ -116,11 +122,10 @@ def _measured(cases: list[Case]) -> tuple[dict[str, dict], dict[str, dict[str, f
     by_clip: dict[str, dict[str, dict[str, float]]] = {}
     for case in cases:
         clip = case.truth
-        assert clip.garment_vertices is not None
         by_clip[clip.name] = {
             method: evaluate_clip(
                 case.vertices[method],
-                clip.garment_vertices,
+                case.truth_vertices,
                 clip.garment_faces,
                 clip.body_vertices,
                 clip.body_faces,
@@ -133,7 +138,7 @@ def _measured(cases: list[Case]) -> tuple[dict[str, dict], dict[str, dict[str, f
 
 def _report(out: Path, cases: list[Case], overall: dict[str, dict[str, float]]) -> None:
     log = [json.loads(line) for line in (out / "run" / LOG_FILE).read_text().splitlines()]
-    overview = demo_pictures.overview(cases[0])
+    overview = demo_pictures.overview(cases)
     maps = [demo_pictures.maps(case, model) for case in cases for model in ("trained here", "pretrained")]
     meshes = [demo_pictures.meshes(case) for case in cases]
     curves = demo_pictures.curves(log)

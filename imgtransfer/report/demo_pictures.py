@@ -27,45 +27,54 @@ LIMIT_MM = 60.0  # the brightest error colour, one scale for all methods
 COLUMNS = 4  # frames shown of a clip
 
 
-def overview(case: Case) -> Picture:
-    """One frame from inputs to result: template, posed body, its maps, the predicted maps, the fused garment."""
+def overview(cases: Sequence[Case]) -> Picture:
+    """The frame farthest from the template, from inputs to result: template, posed body, its maps, the predicted
+    maps, the fused garment. Everything in the canonical frame.
+    """
+    case, frame = max(((case, *_farthest(case)) for case in cases), key=lambda found: found[2])[:2]
     clip, deformation = case.truth, case.maps["pretrained"]
-    frame = clip.n_frames // 2
     prediction = deformation.prediction
+    imager = prediction.imager
     body = prediction.frames.to_canonical(clip.body_vertices)[frame]
     garment = prediction.frames.to_canonical(deformation.fused)[frame]
-    imager = prediction.imager
     body_imager = TemplateImager.build(Mesh(clip.body_rest, clip.body_faces), cameras=imager.cameras)
     posed = torch.from_numpy(body)
-    size = (300, 214)
-    camera = picture_camera(np.concatenate([body, garment]), size=size)
-    template = mesh_picture(
-        [Surface(clip.body_rest, clip.body_faces, SKIN), Surface(clip.template_vertices, clip.garment_faces)],
-        picture_camera(clip.body_rest, size=size),
-    )
-    images = [
-        template,
-        mesh_picture([Surface(body, clip.body_faces, SKIN)], camera),
-        _on_white(
-            body_imager.position_maps(posed, prediction.box)[0].numpy(), body_imager.mask[0].numpy(), 300
-        ),
-        _on_white(body_imager.normal_maps(posed)[0].numpy(), body_imager.mask[0].numpy(), 300),
-        _on_white(prediction.positions[frame, 0].numpy(), imager.mask[0].numpy(), 300),
-        _on_white(prediction.normals[frame, 0].numpy(), imager.mask[0].numpy(), 300),
-        mesh_picture([Surface(body, clip.body_faces, SKIN), Surface(garment, clip.garment_faces)], camera),
+    upper = body[body[:, 1] > garment[:, 1].min() - 0.05]
+    camera = picture_camera(np.concatenate([upper, garment]), size=(300, 300))
+    rest = [
+        Surface(clip.body_rest, clip.body_faces, SKIN),
+        Surface(clip.template_vertices, clip.garment_faces),
     ]
-    labels = ["template", "posed body", "its positions", "its normals", "predicted positions"]
-    sheet = contact_sheet([images], column_labels=[*labels, "predicted normals", "fused garment"], gap=10)
+    pictures = {
+        "template": mesh_picture(rest, camera),
+        "posed body": mesh_picture([Surface(body, clip.body_faces, SKIN)], camera),
+    }
+    for name, maps, mask in (
+        ("its positions", body_imager.position_maps(posed, prediction.box), body_imager.mask),
+        ("its normals", body_imager.normal_maps(posed), body_imager.mask),
+        ("predicted positions", prediction.positions[frame], imager.mask),
+        ("predicted normals", prediction.normals[frame], imager.mask),
+    ):
+        pictures[name] = _on_white(maps[0].numpy(), mask[0].numpy(), 300)
+    fused = [Surface(body, clip.body_faces, SKIN), Surface(garment, clip.garment_faces)]
+    pictures["fused garment"] = mesh_picture(fused, camera)
+    sheet = contact_sheet([list(pictures.values())], column_labels=list(pictures), gap=10)
     return Picture(sheet, f"{clip.name}, frame {frame}, front view, pretrained model")
+
+
+def _farthest(case: Case) -> tuple[int, float]:
+    """The frame in which the garment is farthest from the template on average, and that distance in metres."""
+    canonical = case.maps["pretrained"].prediction.frames.to_canonical(case.truth_vertices)
+    distance = np.linalg.norm(canonical - case.truth.template_vertices, axis=-1).mean(axis=1)
+    return int(distance.argmax()), float(distance.max())
 
 
 def maps(case: Case, model: str) -> Picture:
     """True and predicted maps of one frame, and their difference; both views."""
     clip, prediction = case.truth, case.maps[model].prediction
-    assert clip.garment_vertices is not None
     frame = clip.n_frames // 2
     imager, box = prediction.imager, prediction.box
-    truth = torch.from_numpy(prediction.frames.to_canonical(clip.garment_vertices)[frame])
+    truth = torch.from_numpy(prediction.frames.to_canonical(case.truth_vertices)[frame])
     extent_mm = 1e3 * (box.hi - box.lo)
     kinds = {
         "positions": (
@@ -79,27 +88,28 @@ def maps(case: Case, model: str) -> Picture:
     }
     rows, labels = [], []
     for name, (true, predicted, scale, unit, limit) in kinds.items():
-        for view, camera in enumerate(imager.cameras):
+        for view in range(len(imager.cameras)):
             mask = imager.mask[view].numpy()
             pair = [image[view].numpy() for image in (true, predicted)]
             difference = difference_picture(pair[0] * scale, pair[1] * scale, mask, unit=unit, limit=limit)
             rows.append([*(_on_white(image, mask) for image in pair), difference])
-            labels.append(f"{name}, {camera.name}")
-    # Two rows of the sheet a kind: front and back beside each other.
-    rows = [[*rows[i], *rows[i + 1]] for i in range(0, len(rows), 2)]
-    sheet = contact_sheet(rows, row_labels=labels[::2], column_labels=["true", "predicted", "difference"] * 2)
+            labels.append(name)
+    # The views of a kind stand beside each other.
+    views = len(imager.cameras)
+    rows = [[image for row in rows[i : i + views] for image in row] for i in range(0, len(rows), views)]
+    columns = [f"{kind}, {c.name}" for c in imager.cameras for kind in ("true", "predicted", "difference")]
+    sheet = contact_sheet(rows, row_labels=labels[::views], column_labels=columns)
     return Picture(sheet, f"{clip.name}, frame {frame}, model {model}")
 
 
 def meshes(case: Case) -> Picture:
     """The simulated garment and every method's, coloured by error, at some frames of the clip."""
     clip = case.truth
-    assert clip.garment_vertices is not None
     frames = np.linspace(0.1, 0.95, COLUMNS) * (clip.n_frames - 1)
     rows: list[list[np.ndarray]] = [[] for _ in range(1 + len(case.vertices))]
     for frame in frames.astype(int):
         body = Surface(clip.body_vertices[frame], clip.body_faces, SKIN)
-        truth = Surface(clip.garment_vertices[frame], clip.garment_faces)
+        truth = Surface(case.truth_vertices[frame], clip.garment_faces)
         camera = picture_camera(truth.vertices, size=(260, 230))
         rows[0].append(mesh_picture([body, truth], camera))
         for row, (method, vertices) in zip(rows[1:], case.vertices.items(), strict=True):
