@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imgtransfer.cli.options import add_clip_choice, chosen_clips, clip_name
+from imgtransfer.predictions import METHODS, folders_in
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
@@ -17,8 +18,6 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.data.clip import Clip
 
     Pairs = Iterator[tuple[str, np.ndarray]]
-
-METHODS = ("fused", "position_only")  # files of a prediction folder, the better first
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -85,7 +84,11 @@ def _predictions(args: argparse.Namespace, truths: Mapping[str, Clip]) -> Pairs:
         raise InputError(
             f"{args.truth}: no truth for the prediction of {', '.join(unknown)}; it has {', '.join(truths)}"
         )
-    return ((name, _predicted_vertices(file)) for name, file in files.items() if name in truths)
+    chosen = {name: file for name, file in files.items() if name in truths}
+    if {file.stem for file in chosen.values()} == set(METHODS):  # a mean over both, which nobody may want
+        lacking = [name for name, file in chosen.items() if file.stem == METHODS[1]]
+        print(f"{METHODS[1]} measured of {', '.join(lacking)}, which are not fused", file=sys.stderr)
+    return ((name, _predicted_vertices(file)) for name, file in chosen.items())
 
 
 def _predicted_vertices(file: Path) -> np.ndarray:
@@ -120,9 +123,11 @@ def _prediction_files(paths: Sequence[Path], method: str | None) -> dict[str, Pa
             continue
         if not path.is_dir():
             raise InputError(f"{path}: no such file or folder; a prediction is wanted")
-        folders = [path, *sorted(folder for folder in path.iterdir() if folder.is_dir())]
         found = {
-            clip_name(f.resolve().name): f / n for f in folders for n in reversed(names) if (f / n).is_file()
+            clip_name(folder.resolve().name): folder / name
+            for folder in folders_in(path)
+            for name in reversed(names)  # the better one last, so that it stays
+            if (folder / name).is_file()
         }
         if not found and not method:
             found = {clip_name(file.stem): file for file in sorted(path.glob("*.npz"))}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -77,6 +78,13 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
     model = TransferModel(maps=maps, network=network, template=template, box=box)
     load_weights(model, tensors, path)
     return model.eval().to(device)
+
+
+def fingerprint(path: str | Path) -> str:
+    """SHA-256 of the model file that `load_model(path)` reads, as hexadecimal digits: which model made a result."""
+    path = Path(path)
+    with (path / MODEL_FILE if path.is_dir() else path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -> None:

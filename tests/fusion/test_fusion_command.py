@@ -1,6 +1,9 @@
 """`imgtransfer fuse` and what stands behind it, on files."""
 
 import json
+import os
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,17 +82,17 @@ def error_mm(path, folder):
 def test_a_clip_s_body_gives_a_clip_with_the_fused_garment_in_the_world(folder, capsys):
     assert command(folder, "--body", folder / "clip.npz") == 0
     clip = load_clip(folder / "out" / "fused.npz")
-    assert clip.info == {"licence": "CC0"}
+    assert clip.info["licence"] == "CC0"
     np.testing.assert_array_equal(clip.body_vertices, load_clip(folder / "clip.npz").body_vertices)
     assert (
         error_mm(folder / "out" / "fused.npz", folder) < 2.5
     )  # a pixel is 7 mm; through two frames of reference
-    report = json.loads((folder / "out" / "report.json").read_text())
+    report = json.loads((folder / "out" / "fusion.json").read_text())
     assert report["frames"] == FRAMES
     assert report["penetration_percent"]["after"] == 0
     assert report["config"]["weight_edge"] == 100
     assert str(folder / "out") in capsys.readouterr().out
-    assert sorted(path.name for path in (folder / "out").iterdir()) == ["fused.npz", "report.json"]
+    assert sorted(path.name for path in (folder / "out").iterdir()) == ["fused.npz", "fusion.json"]
 
 
 def test_a_bare_body_and_no_body(folder):
@@ -102,12 +105,12 @@ def test_a_bare_body_and_no_body(folder):
     with np.load(folder / "without" / "fused.npz") as found:
         assert set(found.files) == keys
         assert found["fps"] == 30
-    assert "penetration_percent" not in json.loads((folder / "without" / "report.json").read_text())
+    assert "penetration_percent" not in json.loads((folder / "without" / "fusion.json").read_text())
 
 
 def test_positions_only_leaves_the_normals_out(folder):
     assert command(folder, "--positions-only", "--config", folder / "fusion.yaml") == 0
-    assert set(json.loads((folder / "out" / "report.json").read_text())["terms"]) == {"edge"}
+    assert set(json.loads((folder / "out" / "fusion.json").read_text())["terms"]) == {"edge"}
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply"])
@@ -145,6 +148,115 @@ def spoil_body(folder, **changed):
         arrays = {**stored, **changed}
     np.savez(folder / "bad.npz", **{name: value for name, value in arrays.items() if value is not None})
     return ("--body", folder / "bad.npz")
+
+
+# a folder of predictions
+
+
+@pytest.fixture
+def predictions(folder):
+    """What `predict` writes: folders a and b; the clip has skinning arrays and a garment that is not yet right."""
+    clip = load_clip(folder / "clip.npz")
+    weights = np.full((len(clip.body_rest), 2), 0.5, np.float32)
+    clip = replace(clip, blend_weights=weights, poses=np.zeros((FRAMES, 2, 3), np.float32))
+    for name in ("a", "b"):
+        save_clip(folder / "p" / name / "position_only.npz", clip)
+        shutil.copy(folder / "maps.npz", folder / "p" / name)
+    return folder / "p"
+
+
+def fuse(path, *more):
+    config = path.parent / "fusion.yaml"
+    return main(["fuse", str(path), *(("--config", str(config)) if config.exists() else ()), *map(str, more)])
+
+
+def test_predictions_are_fused_in_their_folders_and_only_once(folder, predictions, capsys):
+    assert fuse(predictions) == 0
+    assert (
+        capsys.readouterr().out.splitlines()[-1] == f"next: imgtransfer evaluate {predictions} --truth SOURCE"
+    )
+    for name in ("a", "b"):
+        files = sorted(path.name for path in (predictions / name).iterdir())
+        assert files == ["fused.npz", "fusion.json", "maps.npz", "position_only.npz"]
+        assert error_mm(predictions / name / "fused.npz", folder) < 10
+        fused = load_clip(predictions / name / "fused.npz")
+        assert fused.blend_weights.shape == (len(fused.body_rest), 2)
+        assert fused.poses.shape == (FRAMES, 2, 3)
+        assert json.loads((predictions / name / "fusion.json").read_text())["config"]["edge_steps"] == 5
+
+    def again(*more, where=predictions):
+        """The folders that another run fuses."""
+        before = {name: (predictions / name / "fused.npz").stat().st_ino for name in ("a", "b")}
+        assert fuse(where, *more) == 0
+        written = {n for n in before if (predictions / n / "fused.npz").stat().st_ino != before[n]}
+        assert capsys.readouterr().out.count("already") == (2 if where == predictions else 1) - len(written)
+        return written
+
+    assert again() == set()
+    assert again("--positions-only") == {"a", "b"}
+    assert set(json.loads((predictions / "a" / "fusion.json").read_text())["terms"]) == {"edge", "normal"}
+    (folder / "fusion.yaml").write_text("edge_steps: 6\nnormal_steps: 5\n")
+    assert again() == {"a", "b"}
+    assert again("--overwrite") == {"a", "b"}
+    (predictions / "b" / "fused.npz").write_bytes(b"cut short")
+    assert again() == {"b"}
+    later = (predictions / "a" / "fused.npz").stat().st_mtime_ns + 1
+    os.utime(predictions / "a" / "maps.npz", ns=(later, later))
+    assert again() == {"a"}
+    shutil.copy(folder / "fusion.yaml", predictions)
+    os.utime(predictions / "a" / "maps.npz", ns=(later, later))
+    assert again("--overwrite", where=predictions / "a") == {"a"}
+
+
+def test_meshes_of_predictions_that_stand_are_written_without_fusing_again(predictions):
+    assert fuse(predictions) == 0
+    before = (predictions / "a" / "fused.npz").stat().st_ino
+    assert fuse(predictions, "--meshes", "ply") == 0
+    assert (predictions / "a" / "fused.npz").stat().st_ino == before
+    mesh = load_mesh(predictions / "a" / "meshes" / "frame_0001.ply")
+    fused = load_clip(predictions / "a" / "fused.npz")
+    np.testing.assert_allclose(mesh.vertices, fused.garment_vertices[1], atol=1e-6)
+
+
+def test_a_stopped_fusion_goes_on(predictions, capsys, monkeypatch):
+    import imgtransfer.fusing as module  # noqa: PLC0415
+
+    real = module.fuse_maps
+
+    def stop_at_b(*args, **kwargs):
+        if (predictions / "a" / "fused.npz").exists():
+            raise KeyboardInterrupt
+        return real(*args, **kwargs)
+
+    monkeypatch.setattr(module, "fuse_maps", stop_at_b)
+    assert fuse(predictions) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "imgtransfer: stopped"
+    assert sorted(path.name for path in (predictions / "b").iterdir()) == ["maps.npz", "position_only.npz"]
+    before = (predictions / "a" / "fused.npz").stat().st_ino
+    monkeypatch.undo()
+    assert fuse(predictions) == 0
+    assert (predictions / "a" / "fused.npz").stat().st_ino == before
+    assert (predictions / "b" / "fused.npz").exists()
+
+
+def test_what_is_no_prediction_is_refused(folder, predictions, capsys):
+    (folder / "empty").mkdir()
+    for arguments, message in (
+        ([folder / "none"], "none: no such folder"),
+        ([folder / "maps.npz"], "give --maps FILE --out DIR"),
+        ([folder / "empty"], "no prediction in it"),
+        ([], "either PREDICTIONS or --maps"),
+        ([predictions, "--maps", folder / "maps.npz"], "either PREDICTIONS or --maps"),
+        ([predictions, "--out", folder / "out"], "--out goes with --maps"),
+        (["--maps", folder / "maps.npz"], "--maps needs --out"),
+        (["--maps", folder / "maps.npz", "--out", folder / "out", "--overwrite"], "--overwrite goes with"),
+    ):
+        assert main(["fuse", *map(str, arguments)]) == 2
+        assert message in capsys.readouterr().err
+    (predictions / "b" / "position_only.npz").unlink()
+    assert fuse(predictions) == 2
+    assert "b: lacks position_only.npz" in capsys.readouterr().err
+    assert not (predictions / "a" / "fused.npz").exists()
 
 
 MISTAKES = {

@@ -108,7 +108,12 @@ def test_the_command_writes_maps_and_vertices(
         str(tmp_path / "o"),
     ]
     assert main(command) == 0
-    assert "tube/bend: 6 frames" in capsys.readouterr().out
+    out = tmp_path / "o"
+    assert capsys.readouterr().out.splitlines() == [
+        f"{out / 'tube__bend'}  6 frames",
+        f"next: imgtransfer fuse {out}",
+        f"then: imgtransfer evaluate {out} --truth {tmp_path / 'data.zarr'} --split test",
+    ]
     assert [folder.name for folder in (tmp_path / "o").iterdir()] == ["tube__bend"]
     maps, prediction = load_maps(tmp_path / "o" / "tube__bend" / "maps.npz"), model.predict(tube_clip)
     assert maps.position is not None
@@ -126,6 +131,38 @@ def test_the_command_predicts_for_a_body_alone(tube_clip: Clip, tmp_path: Path) 
     save_clip(tmp_path / "walk.npz", replace(tube_clip, garment_vertices=None))
     assert main(["predict", str(tmp_path), str(tmp_path / "walk.npz"), "--out", str(tmp_path / "o")]) == 0
     assert load_clip(tmp_path / "o" / "walk" / "position_only.npz").garment_vertices is not None
+
+
+def test_the_command_leaves_what_the_same_model_predicted(
+    tube_clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, maps = model_for(tube_clip), tmp_path / "o" / "walk" / "maps.npz"
+    save_model(tmp_path / "model.safetensors", model)
+    save_clip(tmp_path / "walk.npz", tube_clip)
+    command = ["predict", str(tmp_path), str(tmp_path / "walk.npz"), "--out", str(tmp_path / "o")]
+
+    def writes_anew(*more: str) -> bool:
+        before = maps.stat().st_ino if maps.exists() else None
+        assert main([*command, *more]) == 0
+        assert ("predicted by this model already" in capsys.readouterr().out) == (
+            maps.stat().st_ino == before
+        )
+        return maps.stat().st_ino != before
+
+    assert writes_anew()
+    assert not writes_anew()
+    assert writes_anew("--overwrite")
+    (tmp_path / "o" / "walk" / "fused.npz").write_bytes(b"of the earlier prediction")
+    save_clip(
+        tmp_path / "walk.npz", replace(tube_clip, body_vertices=tube_clip.body_vertices + np.float32(0.001))
+    )
+    assert writes_anew()
+    assert not (tmp_path / "o" / "walk" / "fused.npz").exists()
+    save_model(tmp_path / "model.safetensors", model, steps=1)
+    assert writes_anew()
+    (tmp_path / "o" / "walk" / "notes.txt").write_text("precious")
+    assert main([*command, "--overwrite"]) == 2
+    assert "holds other files" in capsys.readouterr().err
 
 
 def test_the_command_refuses_another_garment_before_it_writes(tube_clip: Clip, tmp_path: Path) -> None:
