@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
         return
     for folder in predicted_clips(args.predictions):
         _fuse_predicted(folder, args, config)
-    print(f"next: imgtransfer evaluate {quote(str(args.predictions))} --truth SOURCE")
+    print(f"next     imgtransfer evaluate {quote(str(args.predictions))} --truth SOURCE")
 
 
 def _check_form(args: argparse.Namespace) -> None:

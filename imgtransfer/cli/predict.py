@@ -62,10 +62,10 @@ def run(args: argparse.Namespace) -> None:
         print(f"{folder}  {clip.n_frames} frames")
     choice = ["--split", args.split] if args.split else []
     choice += [word for name in args.clip or () for word in ("--clip", name)]
-    print(f"next: {join(['imgtransfer', 'fuse', str(args.out)])}")
+    print(f"next     {join(['imgtransfer', 'fuse', str(args.out)])}")
     if all(clip.garment_vertices is not None for clip in clips):
         words = ["imgtransfer", "evaluate", str(args.out), "--truth", str(args.source), *choice]
-        print(f"then: {join(words)}")
+        print(f"then     {join(words)}")
 
 
 def save_prediction(folder: Path, prediction: Prediction, clip: Clip, *, model: str) -> None:

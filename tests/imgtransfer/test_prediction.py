@@ -111,8 +111,8 @@ def test_the_command_writes_maps_and_vertices(
     out = tmp_path / "o"
     assert capsys.readouterr().out.splitlines() == [
         f"{out / 'tube__bend'}  6 frames",
-        f"next: imgtransfer fuse {out}",
-        f"then: imgtransfer evaluate {out} --truth {tmp_path / 'data.zarr'} --split test",
+        f"next     imgtransfer fuse {out}",
+        f"then     imgtransfer evaluate {out} --truth {tmp_path / 'data.zarr'} --split test",
     ]
     assert [folder.name for folder in (tmp_path / "o").iterdir()] == ["tube__bend"]
     maps, prediction = load_maps(tmp_path / "o" / "tube__bend" / "maps.npz"), model.predict(tube_clip)
