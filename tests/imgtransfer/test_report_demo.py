@@ -1,0 +1,129 @@
+"""The demo on a tiny data set: everything it promises is there, and a second run uses what stands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imgtransfer.data.clip import Clip
+from imgtransfer.data.store import DataSet
+from imgtransfer.deform import deform
+from imgtransfer.evaluation.metrics import METRICS, evaluate_clip
+from imgtransfer.report.demo import DEMO_CONFIG, METHODS, PRETRAINED, SAMPLE_DATA, run_demo
+from imgtransfer.training.checkpoint import load_model
+from imgtransfer.training.config import RunConfig, load_config, parse_config
+from imgtransfer.training.loop import train
+from render import InputError
+
+
+@pytest.fixture(scope="module")
+def config(tube_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> RunConfig:
+    path = tmp_path_factory.mktemp("demo") / "tubes.zarr"
+    data = DataSet.create(path)
+    for split in ("train", "validation", "test"):
+        data.write(f"tube/{split}", tube_clip, split=split)
+    return parse_config(
+        {
+            "data": {"source": str(path)},
+            "maps": {"size": [32, 32]},
+            "network": {
+                "encoder": {"patch": 8, "dim": 16, "depth": 1, "heads": 2},
+                "blocks": 1,
+                "target": "residual",
+            },
+            "training": {
+                "steps": 4,
+                "batch_frames": 2,
+                "validate_every_steps": 2,
+                "checkpoint_every_steps": 2,
+                "threads": 1,
+            },
+        },
+        "tiny",
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(
+    config: RunConfig, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, dict[str, float]]]:
+    out = tmp_path_factory.mktemp("demo-output")
+    pretrained = train(config, tmp_path_factory.mktemp("pretrained") / "run")
+    return out, run_demo(out, config, pretrained)
+
+
+def test_metrics_have_one_entry_a_method_with_exactly_the_metrics(
+    finished: tuple[Path, dict[str, dict[str, float]]],
+) -> None:
+    out, metrics = finished
+    stored = json.loads((out / "metrics.json").read_text())
+    assert stored == metrics
+    assert set(stored) == {"lbs", "position_only", "fused", "fused_pretrained"} == set(METHODS)
+    assert all(set(values) == set(METRICS) for values in stored.values())
+    assert all(np.isfinite(list(values.values())).all() for values in stored.values())
+
+
+def test_the_same_training_fused_twice_measures_the_same(
+    finished: tuple[Path, dict[str, dict[str, float]]],
+) -> None:
+    # Both models of this test were trained by the same configuration and seed.
+    _, metrics = finished
+    assert metrics["fused"] == metrics["fused_pretrained"]
+
+
+def test_everything_the_demo_promises_is_there(finished: tuple[Path, dict[str, dict[str, float]]]) -> None:
+    out, _ = finished
+    page = (out / "report.html").read_text()
+    assert (
+        page.count("data:image/png;base64,") == 1 + 1 + 2 + 3
+    )  # overview, meshes, maps of two models, curves
+    assert "http://" not in page
+    assert "https://" not in page
+    assert (out / "tube__test.glb").read_bytes()[:4] == b"glTF"
+    for name in ("overview", "maps_1", "maps_2", "meshes", "training_1"):
+        assert (out / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_a_second_run_trains_nothing_again(
+    finished: tuple[Path, dict[str, dict[str, float]]], config: RunConfig
+) -> None:
+    out, metrics = finished
+    log = (out / "run" / "log.jsonl").read_text()
+    assert run_demo(out, config, out / "run" / "model.safetensors") == metrics
+    assert (out / "run" / "log.jsonl").read_text() == log
+
+
+def test_deform_keeps_the_garment_out_of_the_body_and_ignores_the_truth(
+    finished: tuple[Path, dict[str, dict[str, float]]], tube_clip: Clip
+) -> None:
+    model = load_model(finished[0] / "run")
+    result = deform(model, tube_clip)
+    bare = Clip(**{**vars(tube_clip), "garment_vertices": None})
+    np.testing.assert_array_equal(deform(model, bare).fused, result.fused)
+    assert tube_clip.garment_vertices is not None
+    measured = evaluate_clip(
+        result.fused,
+        tube_clip.garment_vertices,
+        tube_clip.garment_faces,
+        tube_clip.body_vertices,
+        tube_clip.body_faces,
+    )
+    assert measured["penetration_percent"] == 0
+
+
+def test_a_missing_checkpoint_is_said_before_any_training(config: RunConfig, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.safetensors"):
+        run_demo(tmp_path / "out", config, tmp_path / "none.safetensors")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_checkpoint_that_comes_with_the_project_is_the_demos_network_for_the_sample_shirt() -> None:
+    config, model = load_config(DEMO_CONFIG), load_model(PRETRAINED)
+    assert (model.network, model.maps) == (config.network, config.maps)
+    data = DataSet.open(SAMPLE_DATA)
+    for name in data.names():
+        model.check_garment(data.read(name))
+    assert PRETRAINED.stat().st_size < 15e6
