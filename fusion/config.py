@@ -83,7 +83,7 @@ def load_config(path: Path | str) -> FusionConfig:
     if values is not None and not isinstance(values, dict):
         raise InputError(f"{path}: a mapping of names to values is wanted, found a {type(values).__name__}")
     try:
-        return FusionConfig(**(values or {}))
+        return FusionConfig.model_validate(values or {})
     except ValidationError as error:
         faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
         names = ", ".join(FusionConfig.model_fields)

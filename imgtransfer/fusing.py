@@ -52,12 +52,14 @@ def load_body(path: Path) -> Body:
         raise InputError(f"{path}: no such file; an npz with body_faces and body_vertices is wanted")
     try:
         with np.load(path, allow_pickle=False) as stored:
-            if set(REQUIRED) - {"garment_vertices"} <= set(stored.files):
-                clip = load_clip(path)
-                return Body(clip.body_faces, clip.body_vertices, clip)
-            body = {name: stored[name] for name in ("body_faces", "body_vertices") if name in stored.files}
+            is_clip = set(REQUIRED) - {"garment_vertices"} <= set(stored.files)
+            wanted = () if is_clip else ("body_faces", "body_vertices")
+            body = {name: stored[name] for name in wanted if name in stored.files}
     except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
+    if is_clip:
+        clip = load_clip(path)
+        return Body(clip.body_faces, clip.body_vertices, clip)
     missing = [name for name in ("body_faces", "body_vertices") if name not in body]
     if missing:
         raise InputError(f"{path}: lacks {' and '.join(missing)}; the body needs both")

@@ -79,10 +79,15 @@ class MapFile:
             )
         for name, (shape, dtype) in expected.items():
             if getattr(self, name) is not None:
-                array: np.ndarray = np.asarray(getattr(self, name), dtype)
+                given = np.asarray(getattr(self, name))
+                if given.dtype.kind not in "fiub":
+                    raise InputError(f"maps: {name} must be numbers, found {given.dtype}")
+                array: np.ndarray = given.astype(dtype, copy=False)
                 if array.shape != shape or not np.isfinite(array).all():
                     raise InputError(f"maps: {name} must be finite, of shape {shape}; found {array.shape}")
                 object.__setattr__(self, name, array)
+        if not np.allclose(self.rotation @ self.rotation.swapaxes(1, 2), np.eye(3), atol=1e-3):
+            raise InputError("maps: rotation must hold rotation matrices, R Rᵀ = 1")
         object.__setattr__(self, "fps", float(self.fps))
         object.__setattr__(self, "views", tuple(str(view) for view in self.views))
         object.__setattr__(self, "template_faces", self.template.faces)  # checks them
@@ -176,6 +181,11 @@ def load_maps(path: Path | str) -> MapFile:
     if absent:
         raise InputError(f"{path}: {', '.join(sorted(absent))} missing from the map file")
     values: dict = {"position": None, "normal": None} | {name: arrays[name] for name in names & set(arrays)}
+    if values["views"].ndim != 1 or values["fps"].size != 1 or values["fps"].dtype.kind not in "fiu":
+        raise InputError(
+            f"{path}: views must be names (S,) and fps one number; found {arrays['views'].shape} "
+            f"and {arrays['fps'].dtype} {arrays['fps'].shape}"
+        )
     values["views"], values["fps"] = tuple(values["views"].tolist()), values["fps"].item()
     try:
         return MapFile(**values)

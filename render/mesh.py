@@ -61,10 +61,12 @@ def check_faces(faces: np.ndarray, n_vertices: int, source: str) -> None:
 
 
 def check_finite(vertices: np.ndarray, source: str) -> None:
-    """Raise InputError naming the first vertex (and frame, for (T, N, 3)) that is not finite."""
+    """Raise InputError where there are no numbers, or naming the first vertex (of (T, N, 3): and frame) not finite."""
+    if vertices.dtype.kind not in "fiu":
+        raise InputError(f"{source}: numbers are wanted, found {vertices.dtype}")
     bad = np.argwhere(~np.isfinite(vertices).all(axis=-1))
     if len(bad):
-        where = f"frame {bad[0][0]}, vertex {bad[0][1]}" if vertices.ndim == 3 else f"vertex {bad[0][0]}"
+        where = f"vertex {bad[0][0]}" if vertices.ndim == 2 else f"frame {bad[0][0]}, vertex {bad[0][1]}"
         value = vertices[tuple(bad[0])].tolist()
         raise InputError(f"{source}: {where} is {value}, not finite ({len(bad)} such vertices)")
 

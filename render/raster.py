@@ -45,6 +45,9 @@ class Raster:
         return self.face_id >= 0
 
 
+MAX_LENGTH = 8192  # pixels a side: every renderer can; software renderers crash on much larger images
+
+
 def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -> Raster:
     """Rasterise a mesh once per camera; both sides of every face count.
 
@@ -58,7 +61,7 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
             warning if it is the last.
 
     Raises:
-        InputError: no camera, cameras of different sizes, an unknown or unavailable backend, a mesh that
+        InputError: no camera, cameras of different or impossible sizes, an unknown or unavailable backend, a mesh that
             reaches through a camera's near plane or that a camera does not see at all.
     """
     if not cameras or len({camera.size for camera in cameras}) != 1:
@@ -66,6 +69,8 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
             "one or more cameras of one size are needed, found (height, width) "
             f"{[camera.size for camera in cameras]}"
         )
+    if not all(1 <= length <= MAX_LENGTH for length in cameras[0].size):
+        raise InputError(f"images of 1 to {MAX_LENGTH} pixels a side can be drawn, found {cameras[0].size}")
     projected = [screen_faces(mesh, camera) for camera in cameras]
     with _drawing(backend) as (name, face_ids):
         drawn = [face_ids(faces, camera.size) for faces, camera in zip(projected, cameras, strict=True)]

@@ -29,7 +29,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> None:
     """Read every clip, so that a bad one stops the import before anything is written; then write them."""
     from imgtransfer.data.source import open_clips  # noqa: PLC0415
-    from imgtransfer.data.store import DataSet  # noqa: PLC0415
+    from imgtransfer.data.store import DataSet, check_name  # noqa: PLC0415
 
     clips = [clip for path in args.clip for clip in open_clips(path)]
     names = [_name(clip.name, args.garment) for clip in clips]
@@ -38,6 +38,8 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(
             f"several files would become clip {', '.join(twice)}; rename them or import them apart"
         )
+    for name in names:
+        check_name(name, args.split)
     data = DataSet.open_or_create(args.to, title=args.title, licence=args.licence, source=args.source)
     for name, clip in zip(names, clips, strict=True):
         data.write(name, clip, split=args.split)

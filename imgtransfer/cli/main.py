@@ -41,8 +41,8 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command. Exit status: 0 done, 2 input that the user can mend, 130 Ctrl-C."""
-    args = build_parser().parse_args(argv)
     try:
+        args = build_parser().parse_args(argv)
         args.run(args)
     except InputError as error:
         print(f"imgtransfer: error: {error}", file=sys.stderr)
@@ -53,6 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `imgtransfer inspect ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # no permission, a full disk, a file where a folder is wanted
+        print(f"imgtransfer: error: {error.filename or 'files'}: {error.strerror or error}", file=sys.stderr)
+        return 2
     return 0
 
 

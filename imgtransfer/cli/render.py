@@ -37,7 +37,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         default="heading",
         help="what the canonical frame removes: the heading, or the whole root rotation; default heading",
     )
-    parser.add_argument("--backend", choices=("auto", "egl", "osmesa", "numpy"), default="auto")
+    parser.add_argument(
+        "--backend",
+        choices=("auto", "egl", "osmesa", "numpy"),
+        default="auto",
+        help="what rasterises; default the first that works",
+    )
     return parser
 
 

@@ -33,6 +33,8 @@ def run(args: argparse.Namespace) -> None:
     from imgtransfer.simulation.config import SimulateConfig, load_config  # noqa: PLC0415
     from imgtransfer.simulation.job import plan, simulate  # noqa: PLC0415
 
+    if args.workers < 1:
+        raise InputError(f"--workers {args.workers}: a whole number from 1 is wanted")
     configs = [path for path in args.sources if path.suffix in (".yaml", ".yml")]
     if len(configs) > 1:
         raise InputError(f"one configuration at a time, found {', '.join(str(path) for path in configs)}")

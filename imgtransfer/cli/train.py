@@ -8,7 +8,12 @@ from pathlib import Path
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """The command's arguments."""
-    parser = subparsers.add_parser("train", help="train the transfer networks from a YAML file")
+    parser = subparsers.add_parser(
+        "train",
+        help="train the transfer networks from a YAML file",
+        description="Writes model.safetensors, log.jsonl, config.yaml and the state to resume from. "
+        "Ctrl-C saves the state and stops.",
+    )
     parser.add_argument("config", type=Path, help="the run's YAML, such as configs/demo.yaml")
     parser.add_argument("--data", type=Path, help="data set or folder of clip npz, in place of data.source")
     parser.add_argument("--out", type=Path, help="folder of the run (default: runs/NAME of the YAML file)")

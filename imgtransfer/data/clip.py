@@ -22,6 +22,9 @@ REQUIRED = (
     "fps",
 )
 SKINNING = ("poses", "trans", "joints_rest", "parents", "blend_weights", "joint_transforms")
+FLOATS = tuple(
+    name for name in (*REQUIRED, *SKINNING) if name not in ("garment_faces", "body_faces", "fps", "parents")
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +70,11 @@ class Clip:
         self._check_shapes()
         check_faces(self.garment_faces, len(self.template_vertices), f"{self.name}: garment_faces")
         check_faces(self.body_faces, len(self.body_rest), f"{self.name}: body_faces")
-        for key in ("template_vertices", "garment_vertices", "body_rest", "body_vertices", "poses", "trans"):
+        for key in FLOATS:
             if getattr(self, key) is not None:
                 check_finite(getattr(self, key), f"{self.name}: {key}")
+        if self.parents is not None and (self.parents.dtype.kind not in "iu" or (self.parents < -1).any()):
+            raise InputError(f"{self.name}: parents must be indices of joints, -1 for the root")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise InputError(f"{self.name}: fps is {self.fps}; a positive number of frames a second expected")
 

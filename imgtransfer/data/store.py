@@ -154,12 +154,7 @@ class DataSet:
         Raises:
             InputError: a name that is not "<garment>/<clip>", or no split.
         """
-        if not re.fullmatch(r"[\w-][\w.-]*/[\w-][\w.-]*", name):
-            raise InputError(
-                f"clip name {name!r}: wanted <garment>/<clip> of letters, digits, '_', '-' and '.'"
-            )
-        if not split:
-            raise InputError(f"clip {name}: it needs a split, such as train or test")
+        check_name(name, split)
         zarr.open_group(self.path, mode="r+", zarr_format=3).require_group(name.partition("/")[0])
         attributes = {
             "name": name,
@@ -175,6 +170,14 @@ class DataSet:
             for key in ARRAYS:
                 if getattr(clip, key) is not None:
                     _write_array(group, key, np.asarray(getattr(clip, key)))
+
+
+def check_name(name: str, split: str) -> None:
+    """Raise InputError unless a clip can be stored under this name and in this split."""
+    if not re.fullmatch(r"[\w-][\w.-]*/[\w-][\w.-]*", name):
+        raise InputError(f"clip name {name!r}: wanted <garment>/<clip> of letters, digits, '_', '-' and '.'")
+    if not split:
+        raise InputError(f"clip {name}: it needs a split, such as train or test")
 
 
 def _attributes(path: Path) -> dict[str, Any]:

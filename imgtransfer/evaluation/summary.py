@@ -8,7 +8,7 @@ import numpy as np
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.evaluation.metrics import penetration_percent
-from render import Mesh
+from render import InputError, Mesh
 
 SAMPLED_FRAMES = 12
 
@@ -65,6 +65,9 @@ def edge_strain(vertices: np.ndarray, template: np.ndarray, faces: np.ndarray) -
     """l / l₀ − 1 of every edge: vertices (T, N, 3) and template (N, 3) -> (T, E) float64.
 
     Edges of the template without length are left out.
+
+    Raises:
+        InputError: no edge of the template has a length.
     """
     edges = Mesh(template, faces, "template").edges
 
@@ -73,4 +76,6 @@ def edge_strain(vertices: np.ndarray, template: np.ndarray, faces: np.ndarray) -
         return np.linalg.norm(points[..., edges[:, 1], :] - points[..., edges[:, 0], :], axis=-1)
 
     rest = lengths(template)
+    if not rest.any():
+        raise InputError("template: all its edges have length 0")
     return lengths(vertices)[..., rest > 0] / rest[rest > 0] - 1

@@ -122,10 +122,8 @@ def load_config(path: str | Path) -> SimulateConfig:
     if not isinstance(read, dict):
         raise InputError(f"{path}: a mapping of settings is wanted, found {type(read).__name__}")
     try:
-        return SimulateConfig(**read)
-    except (ValidationError, TypeError) as error:
-        if not isinstance(error, ValidationError):
-            raise InputError(f"{path}: {error}") from error
+        return SimulateConfig.model_validate(read)
+    except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise InputError(f"{path}: {where}: {first['msg']} ({error.error_count()} such mistakes)") from error

@@ -6,6 +6,7 @@ import fnmatch
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -111,7 +112,9 @@ def _results(tasks: Sequence[Task], workers: int) -> Iterator[Iterator[tuple[Tas
     threads = {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
     os.environ.update(dict.fromkeys(threads, "1"))
     try:
-        with multiprocessing.get_context("spawn").Pool(min(workers, len(tasks)), _quiet) as pool:
+        with _no_interrupts():
+            pool = multiprocessing.get_context("spawn").Pool(min(workers, len(tasks)))
+        with pool:
             yield pool.imap_unordered(_work, tasks)
     finally:
         for name, value in threads.items():
@@ -121,8 +124,17 @@ def _results(tasks: Sequence[Task], workers: int) -> Iterator[Iterator[tuple[Tas
                 os.environ[name] = value
 
 
-def _quiet() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops the workers
+@contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """Processes that are started in here ignore Ctrl-C, from their first moment on: this process stops them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals can be set in the main thread only
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _work(task: Task) -> tuple[Task, Clip | str]:

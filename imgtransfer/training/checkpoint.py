@@ -96,6 +96,10 @@ def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -
         for key, value in tensors.items()
         if key.startswith("model.")
     }
+    if not all(bool(value.isfinite().all()) for value in weights.values()):
+        raise InputError(
+            f"{path}: has weights that are not finite; the training diverged, or the file is damaged"
+        )
     try:
         model.load_state_dict(weights, strict=True)
     except RuntimeError as error:
@@ -125,6 +129,7 @@ def read_tensors(path: Path, wanted: str) -> tuple[dict[str, Tensor], dict[str, 
         header = json.loads(metadata.get("imgtransfer", "{}"))
     except (SafetensorError, OSError, json.JSONDecodeError) as error:
         raise InputError(f"{path}: not a readable safetensors file ({_line(error)})") from error
+    header = header if isinstance(header, dict) else {}
     found = (header.get("format"), header.get("format_version"))
     if found != (wanted, FORMAT_VERSION):
         raise InputError(

@@ -61,9 +61,9 @@ class TrainingConfig(_Section):
     precision: Literal["float32", "bfloat16"] = "float32"
     """Of the networks' products; maps, weights and losses are float32 in either case."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    threads: int | None = Field(default=None, ge=1)
+    threads: int | None = Field(default=None, ge=1, le=1024)
     """CPU threads; None leaves the choice to the environment."""
-    seed: int = 0
+    seed: int = Field(default=0, ge=0, lt=2**63)
     validate_every_steps: int = Field(default=1000, ge=1)
     checkpoint_every_steps: int = Field(default=1000, ge=1)
     stored: Literal["float32", "float16"] = "float32"
@@ -98,7 +98,7 @@ def load_config(path: str | Path, changes: Sequence[str] = ()) -> RunConfig:
         content = yaml.safe_load(path.read_text())
         for change in changes:
             _apply(content, change)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
     return parse_config(content, str(path))
 

@@ -173,7 +173,8 @@ def fuse(path, *more):
 def test_predictions_are_fused_in_their_folders_and_only_once(folder, predictions, capsys):
     assert fuse(predictions) == 0
     assert (
-        capsys.readouterr().out.splitlines()[-1] == f"next     imgtransfer evaluate {predictions} --truth SOURCE"
+        capsys.readouterr().out.splitlines()[-1]
+        == f"next     imgtransfer evaluate {predictions} --truth SOURCE"
     )
     for name in ("a", "b"):
         files = sorted(path.name for path in (predictions / name).iterdir())
