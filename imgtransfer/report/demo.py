@@ -137,11 +137,10 @@ def _measured(cases: list[Case]) -> tuple[dict[str, dict], dict[str, dict[str, f
 
 
 def _report(out: Path, cases: list[Case], overall: dict[str, dict[str, float]]) -> None:
-    log = [json.loads(line) for line in (out / "run" / LOG_FILE).read_text().splitlines()]
     overview = demo_pictures.overview(cases)
     maps = [demo_pictures.maps(case, model) for case in cases for model in ("trained here", "pretrained")]
     meshes = [demo_pictures.meshes(case) for case in cases]
-    curves = demo_pictures.curves(log)
+    curves = demo_pictures.curves(out / "run" / LOG_FILE)
     named = {"overview": [overview], "maps": maps, "meshes": meshes, "training": curves}
     for name, pictures in named.items():
         for number, picture in enumerate(pictures, start=1):

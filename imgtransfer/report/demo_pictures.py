@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
 from imgtransfer.report.html import Picture
+from imgtransfer.report.logs import read_curves
 from imgtransfer.report.pictures import (
     SKIN,
     Surface,
@@ -121,28 +123,14 @@ def meshes(case: Case) -> Picture:
     return Picture(contact_sheet(rows, row_labels=labels, column_labels=columns), clip.name)
 
 
-def curves(log: Sequence[Mapping[str, Any]]) -> list[Picture]:
-    """Training losses (means over short stretches) and validation errors over steps."""
-    steps = [entry for entry in log if "position_loss" in entry]
-    stretch = max(1, len(steps) // 100)
-    groups = [steps[i : i + stretch] for i in range(0, len(steps), stretch)]
-    losses = {
-        name: (
-            [g[-1]["step"] for g in groups],
-            [float(np.mean([e[f"{name}_loss"] for e in g])) for g in groups],
-        )
-        for name in ("position", "normal")
-    }
-    measured = [entry for entry in log if "position_mm" in entry]
-    x = [entry["step"] for entry in measured]
+def curves(log: Path) -> list[Picture]:
+    """Training losses and validation errors over steps; `log` is a run's log.jsonl."""
+    losses = read_curves(log, {"position_loss": "position", "normal_loss": "normal"})
     pictures = [Picture(curve_picture(losses, title="masked L1"), "training")]
-    for key, label in (("position_mm", "position error (mm)"), ("normal_degrees", "normal error (degrees)")):
-        lines = {"network": (x, [entry[key] for entry in measured])}
-        if f"guess_{key}" in measured[0]:
-            lines["first guess"] = (x, [entry[f"guess_{key}"] for entry in measured])
-        pictures.append(
-            Picture(curve_picture(lines, title=label, y_label="", logarithmic=False), "validation")
-        )
+    for key, title in (("position_mm", "position error (mm)"), ("normal_degrees", "normal error (degrees)")):
+        lines = read_curves(log, {key: "network", f"guess_{key}": "first guess"})
+        picture = curve_picture(lines, title=title, y_label="", logarithmic=False)
+        pictures.append(Picture(picture, "validation"))
     return pictures
 
 
