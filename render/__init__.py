@@ -1,20 +1,67 @@
 """Geometry as images: meshes, rasterisation, maps, visibility and pictures."""
 
-from render.cameras import Camera as Camera
-from render.cameras import frame_cameras as frame_cameras
-from render.encoding import PositionBox as PositionBox
-from render.encoding import decode_normals as decode_normals
-from render.encoding import encode_normals as encode_normals
+import importlib
+from typing import TYPE_CHECKING
+
 from render.errors import InputError as InputError
-from render.imager import TemplateImager as TemplateImager
-from render.mapfile import MapFile as MapFile
-from render.mapfile import load_maps as load_maps
-from render.mapfile import save_maps as save_maps
-from render.mesh import Mesh as Mesh
-from render.mesh import vertex_normals as vertex_normals
-from render.meshio import load_mesh as load_mesh
-from render.operator import MapOperator as MapOperator
-from render.pictures import contact_sheet as contact_sheet
-from render.pictures import write_png as write_png
-from render.raster import Raster as Raster
-from render.raster import rasterize as rasterize
+
+if TYPE_CHECKING:
+    from render.cameras import Camera as Camera
+    from render.cameras import frame_cameras as frame_cameras
+    from render.encoding import PositionBox as PositionBox
+    from render.encoding import decode_normals as decode_normals
+    from render.encoding import encode_normals as encode_normals
+    from render.imager import TemplateImager as TemplateImager
+    from render.mapfile import MapFile as MapFile
+    from render.mapfile import load_maps as load_maps
+    from render.mapfile import save_maps as save_maps
+    from render.mesh import Mesh as Mesh
+    from render.mesh import vertex_normals as vertex_normals
+    from render.meshio import load_mesh as load_mesh
+    from render.operator import MapOperator as MapOperator
+    from render.pictures import contact_sheet as contact_sheet
+    from render.pictures import write_png as write_png
+    from render.raster import Raster as Raster
+    from render.raster import rasterize as rasterize
+
+# What is in the list above, by module: loaded when it is first asked for, because PyTorch takes seconds, for
+# which neither `imgtransfer --help` nor an early Ctrl-C should wait.
+_MODULES = {
+    "cameras": (
+        "Camera",
+        "frame_cameras",
+    ),
+    "encoding": (
+        "PositionBox",
+        "decode_normals",
+        "encode_normals",
+    ),
+    "imager": ("TemplateImager",),
+    "mapfile": (
+        "MapFile",
+        "load_maps",
+        "save_maps",
+    ),
+    "mesh": (
+        "Mesh",
+        "vertex_normals",
+    ),
+    "meshio": ("load_mesh",),
+    "operator": ("MapOperator",),
+    "pictures": (
+        "contact_sheet",
+        "write_png",
+    ),
+    "raster": (
+        "Raster",
+        "rasterize",
+    ),
+}
+_HOME = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    """A name of this package, from its module; see PEP 562."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'render' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"render.{_HOME[name]}"), name)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import render
 
 ROOT = Path(__file__).parents[1]
 LAYERS = ("render", "fusion", "imgtransfer")  # each may import itself and those before it
@@ -44,6 +47,27 @@ def test_importing_a_package_loads_nothing_heavy(package: str) -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT
     )
     assert found.stdout.split() == []
+
+
+def test_help_does_not_wait_for_pytorch() -> None:
+    program = "import sys, imgtransfer.cli.main as m; m.build_parser(); print('torch' in sys.modules)"
+    found = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert found.stdout.split() == ["False"]
+
+
+def test_render_offers_what_its_type_checked_list_names() -> None:
+    tree = ast.parse((ROOT / "render" / "__init__.py").read_text(encoding="utf-8"))
+    listed = {
+        (node.module, alias.name)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("render.")
+        for alias in node.names
+    }
+    assert len(listed) > 15
+    for module, name in listed:
+        assert getattr(render, name) is getattr(importlib.import_module(module), name)
 
 
 @pytest.mark.parametrize("layer", LAYERS)
