@@ -133,7 +133,7 @@ def _checkpoint(source: Path) -> None:
                 count = 1
                 for length in tensor.get_shape():
                     count *= length
-                part = ".".join(name.split(".")[:2])
+                part = ".".join(word for word in name.split(".")[:2] if not word.isdigit())
                 parts[part] = parts.get(part, 0) + count
             kinds = sorted({tensor.get_dtype() for tensor in shapes.values()})
             metadata = stored.metadata() or {}

@@ -61,8 +61,10 @@ def train(config: RunConfig, out: Path, *, resume: bool = False) -> Path:
                 bar.set_postfix(shown, refresh=False)
             write({"step": trainer.step, "seconds": round(time.monotonic() - started, 2), **entry})
             bar.update()
-            if last or interrupted.is_set() or trainer.step % options.checkpoint_every_steps == 0:
+            if last or trainer.step % options.checkpoint_every_steps == 0:
                 trainer.save(out)
+        if trainer.step < options.steps:  # stopped, perhaps before the first step
+            trainer.save(out)
     if trainer.step < options.steps:
         print(f"stopped after step {trainer.step}; the same command with --resume goes on", file=sys.stderr)
         raise KeyboardInterrupt

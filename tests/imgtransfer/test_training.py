@@ -216,6 +216,25 @@ def test_resume_continues_bit_for_bit(source: Path, tmp_path: Path, monkeypatch:
     assert logs[0] == logs[1]
 
 
+def test_a_run_stopped_before_its_first_step_goes_on(
+    config: RunConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = Trainer.validate
+
+    def interrupt(trainer: Trainer) -> dict[str, float]:
+        os.kill(os.getpid(), signal.SIGINT)
+        return real(trainer)
+
+    monkeypatch.setattr(Trainer, "validate", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "run")
+    monkeypatch.undo()
+    train(config, tmp_path / "run", resume=True)
+    train(config, tmp_path / "whole")
+    stopped, whole = weights(tmp_path / "run"), weights(tmp_path / "whole")
+    assert all(torch.equal(stopped[key], whole[key]) for key in whole)
+
+
 def test_resuming_another_configuration_is_refused(config: RunConfig, source: Path, tmp_path: Path) -> None:
     train(config, tmp_path / "run")
     with pytest.raises(InputError, match=r"holds a run already; add --resume"):
