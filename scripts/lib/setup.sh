@@ -2,7 +2,7 @@
 #
 # setup EXTRAS    EXTRAS is what pip gets after the project's name, for instance "" or "[simulate,dev]".
 
-say() { printf '\033[1m%s\033[0m\n' "$*" >&2; }
+say() { if [ -t 2 ]; then printf '\033[1m%s\033[0m\n' "$*" >&2; else printf '%s\n' "$*" >&2; fi; }
 die() { printf 'error: %s\n' "$*" >&2; exit 1; }
 
 # The command prefix that may install system packages: "" for root, "sudo -n" where sudo asks for no password, else none.
@@ -27,8 +27,8 @@ has_library() { ldconfig -p 2>/dev/null | grep -q "$1" || [ -e "/usr/lib/$(uname
 
 find_python() {
   local python
-  for python in python3.11 python3.12 python3.13 python3; do
-    if "$python" -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; then
+  for python in python3.11 python3.12 python3.13 python3.14 python3; do
+    if "$python" -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' 2>/dev/null; then
       command -v "$python"
       return 0
     fi
@@ -36,28 +36,36 @@ find_python() {
   return 1
 }
 
-gl_libraries() {
-  if ! has_library libEGL.so.1 || ! has_library libEGL_mesa.so.0; then
-    system_packages "rendering with OpenGL" libegl1 libgl1-mesa-dri libegl-mesa0 ||
-      say "Without them a slow NumPy rasteriser is used."
+egl_library() {
+  has_library libEGL.so.1 && has_library libEGL_mesa.so.0 && return 0
+  system_packages "rendering with OpenGL" libegl1 libgl1-mesa-dri libegl-mesa0 ||
+    say "Without them a slow NumPy rasteriser is used."
+}
+
+# A second way to OpenGL. Mesa 25.1 and later have none, and EGL is enough.
+osmesa_library() {
+  local prefix
+  has_library libOSMesa.so && return 0
+  command -v apt-cache >/dev/null || return 0
+  if ! apt-cache show libosmesa6 >/dev/null 2>&1; then  # package lists may be missing
+    prefix=$(install_prefix) && $prefix apt-get update -qq >/dev/null 2>&1
+    apt-cache show libosmesa6 >/dev/null 2>&1 || return 0
   fi
-  # A second way to OpenGL. Mesa 25.1 and later ship none, and EGL is enough.
-  if ! has_library libOSMesa.so && apt-cache show libosmesa6 >/dev/null 2>&1; then
-    system_packages "rendering with OSMesa" libosmesa6 || true
-  fi
+  system_packages "rendering with OSMesa" libosmesa6 || true
 }
 
 setup() {
   local extras=$1 root stamp want python
   root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
   cd "$root" || exit 1
-  gl_libraries
+  egl_library
   want=$(cat pyproject.toml constraints.txt | sha256sum | cut -d' ' -f1)
   stamp=".venv/.installed-$(printf '%s' "${extras:-core}" | tr -c 'a-z' '_')"
   if [ -x .venv/bin/python ] && [ "$(cat "$stamp" 2>/dev/null)" = "$want" ]; then return 0; fi
+  osmesa_library
   python=$(find_python) || {
     system_packages "Python 3.11 or newer" python3 python3-venv || exit 1
-    python=$(find_python) || die "Python 3.11, 3.12 or 3.13 is needed; $(python3 --version 2>&1) is what this system has"
+    python=$(find_python) || die "Python 3.11 to 3.14 is needed; $(python3 --version 2>&1) is what this system has"
   }
   say "Setting up .venv with $("$python" --version) (a few minutes, once)"
   if ! .venv/bin/python -c 'import pip' 2>/dev/null; then

@@ -87,6 +87,7 @@ def test_contexts_can_be_opened_again_and_inside_one_another(backend):
             assert outer.renderer
 
 
+@pytest.mark.osmesa
 def test_every_gl_backend_names_its_renderer():
     found = probe_backends()
     assert set(found) == set(GL_BACKENDS)
@@ -105,6 +106,7 @@ def test_an_unknown_backend_is_an_error_of_the_caller():
         pass
 
 
+@pytest.mark.osmesa
 def test_osmesa_may_be_released_twice():
     context = OSMesaContext()
     assert context.load("glClear") != 0

@@ -167,6 +167,7 @@ def test_without_gl_the_reference_draws_and_says_what_to_install(monkeypatch):
         rasterize(tube(), cameras, backend="osmesa")
 
 
+@pytest.mark.osmesa
 def test_auto_takes_the_first_that_works(monkeypatch):
     real = render.raster.open_context
 

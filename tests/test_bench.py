@@ -1,0 +1,96 @@
+"""Every bench runs, and prints the numbers that docs/performance.md quotes. None of them is judged here."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from scripts.bench import fusion, measuring, render, training
+from scripts.bench.measuring import Results, Timings, interleaved
+
+ROOT = Path(__file__).parents[1]
+KEYS = {
+    "render": {
+        "operator_ms",
+        "operator_batch_ms",
+        "rerasterise_ms",
+        "gather_ms",
+        "ratio_to_rerasterise",
+        "fraction_of_copy_bandwidth",
+        "ratio_torch_sparse_to_ours_backward",
+        "ratio_numpy_rasteriser_to_gl",
+    },
+    "fusion": {
+        "seconds_edge",
+        "seconds_normal",
+        "seconds_clearance",
+        "ratio_two_threads_to_one",
+        "ratio_sdf_every_step_to_every_fifth",
+        "ratio_vertex_normals_to_topology",
+        "ratio_sdf_winding_to_normal",
+        "sdf_ms_winding",
+        "sdf_ms_normal",
+        "penetration_percent_start",
+        "penetration_percent_cleared",
+    },
+    "training": {
+        "step_ms",
+        "share_of_maps",
+        "ratio_float32_to_bfloat16",
+        "ratio_patch_8_to_16",
+        "ratio_fused_to_written_attention",
+        "ratio_unchanged_to_channels_last_bfloat16",
+        "ratio_svd_to_polar",
+    },
+}
+BENCHES = {"render": render, "fusion": fusion, "training": training}
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_a_quick_run_prints_its_numbers_as_json(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    bench = BENCHES[name]
+    measuring.command(bench.__doc__, bench.measure, ["--quick", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["machine"]) == {"cpu", "cores", "load", "torch", "python"}
+    assert found["quick"] is True
+    numbers = {key: value for section in found["results"].values() for key, value in section.items()}
+    assert set(numbers) >= KEYS[name]
+    assert all(math.isfinite(value) and value >= 0 for value in numbers.values())
+
+
+def test_a_bench_is_found_by_its_path_beside_packages_of_the_same_name() -> None:
+    program = [sys.executable, str(ROOT / "scripts" / "bench" / "fusion.py"), "--help"]
+    done = subprocess.run(program, capture_output=True, text=True, check=True, cwd=ROOT / "scripts" / "bench")
+    assert "--quick" in done.stdout
+
+
+def test_a_ratio_is_the_median_of_the_rounds_own_ratios() -> None:
+    times = Timings({"a": [2.0, 6.0, 40.0], "b": [1.0, 2.0, 10.0]})  # ratios 2, 3, 4
+    assert times.ratio("a", "b") == 3
+    assert times.ms("a") == 6000
+
+
+def test_alternatives_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measuring, "SAMPLE_SECONDS", 0.0)
+    called: list[str] = []
+    calls: dict[str, Callable[[], object]] = {name: lambda n=name: called.append(n) for name in "ab"}  # type: ignore[misc]
+    interleaved(calls, rounds=3)
+    assert called == ["a", "a", "b", "b", *["a", "b"] * 3]  # first call, calibration, then the rounds
+
+
+def test_the_table_has_a_column_a_section(capsys: pytest.CaptureFixture[str]) -> None:
+    def measure(quick: bool) -> Results:
+        return {"small": {"some_ms": 1.25, "only_small": 3.0}, "large": {"some_ms": 2.5}}
+
+    measuring.command("", measure, [])
+    lines = capsys.readouterr().out.splitlines()
+    assert "cpu" in lines[0]
+    assert lines[1].split() == ["small", "large"]
+    assert lines[3].split() == ["some_ms", "1.25", "2.5"]
+    assert lines[4].split() == ["only_small", "3"]
