@@ -1,0 +1,200 @@
+#!/usr/bin/env python
+"""One training step of configs/demo.yaml's networks on a synthetic clip, and each choice made for speed.
+
+A tube of cloth (1,944 vertices) about a body, as large as those of the sample data; batch, map size and network are
+the configuration's. One torch thread.
+
+  step_ms                       one whole step: maps, both networks forward and backward, optimiser
+  maps_ms, share_of_maps        making the maps of a batch, body's and garment's, with the first guess
+  ratio_a_to_b                  how many times as long a takes as b
+  attention_*                   one attention layer forward and backward, 65 tokens (128 / 16) or 257 (128 / 8)
+  ratio_fused_to_written_*      torch's scaled_dot_product_attention against the products written out
+  decoder_*, polar_*            the decoder by its memory layout; rotations by Newton's iteration or by an SVD
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+# This folder's own render.py must not hide the package.
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from imgtransfer.data.clip import Clip, save_clip
+from imgtransfer.network.attention import Attention
+from imgtransfer.network.decoder import Decoder
+from imgtransfer.network.local_frames import nearest_rotation
+from imgtransfer.training.config import load_config
+from imgtransfer.training.trainer import Trainer
+from scripts.bench import shapes
+from scripts.bench.measuring import Results, command, interleaved
+
+CONFIG = Path(__file__).resolve().parents[2] / "configs" / "demo.yaml"
+PRECISIONS = {"float32": False, "bfloat16": True}  # by name: whether autocast is on
+
+
+def measure(quick: bool) -> Results:
+    """All numbers: of the whole step, and of its parts."""
+    rounds = 1 if quick else 7
+    changes = ["maps.size=[32, 32]", "training.batch_frames=2"] if quick else []
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "tube.npz"
+        save_clip(source, _clip((16, 10), (14, 12), 4) if quick else _clip((54, 36), (58, 48), 64))
+        step = _step(source, changes, rounds)
+    config = load_config(CONFIG, changes)
+    images, dim = config.training.batch_frames * len(config.maps.views), config.network.encoder.dim
+    heads = config.network.encoder.heads
+    parts: dict[str, float] = {}
+    for tokens in (17,) if quick else (65, 257):
+        for precision in PRECISIONS:
+            parts |= _attention((images, tokens, dim), heads, precision, rounds)
+    grid = tuple(length // config.network.encoder.patch for length in config.maps.size)
+    parts |= _decoder(images, dim, grid, config.network.encoder.patch, rounds)
+    # As many as a batch has cells: `imgtransfer.network.local_frames` fits 32 x 32 rotations a view.
+    return {"step": step, "parts": parts | _rotations(images * (8 if quick else 32) ** 2, rounds)}
+
+
+def _step(source: Path, changes: list[str], rounds: int) -> dict[str, float]:
+    def trainer(*more: str) -> Trainer:
+        whole = "{split: null}"  # one clip npz has no splits
+        data = [f"data.source={source}", f"data.train={whole}", f"data.validation={whole}"]
+        return Trainer(load_config(CONFIG, [*changes, *data, "training.threads=1", *more]))
+
+    ours, float32 = trainer(), trainer("training.precision=float32")
+    patch8 = trainer("network.encoder.patch=8")
+    frames = ours.order.frames(0)
+
+    def fused() -> None:
+        with patch.object(Attention, "forward", _fused_forward):
+            ours.train_step()
+
+    times = interleaved(
+        {
+            "ours": ours.train_step,
+            "float32": float32.train_step,
+            "fused": fused,
+            "patch8": patch8.train_step,
+            "maps": lambda: ours.batch(ours.train_frames, frames),
+        },
+        rounds=rounds,
+    )
+    return {
+        "step_ms": times.ms("ours"),
+        "maps_ms": times.ms("maps"),
+        "share_of_maps": times.ratio("maps", "ours"),
+        "ratio_float32_to_bfloat16": times.ratio("float32", "ours"),
+        "ratio_fused_to_written_attention": times.ratio("fused", "ours"),
+        "ratio_patch_8_to_16": times.ratio("patch8", "ours"),
+    }
+
+
+def _attention(shape: tuple[int, int, int], heads: int, precision: str, rounds: int) -> dict[str, float]:
+    """One layer for (images, tokens, dim)."""
+    torch.manual_seed(0)
+    layer = Attention(shape[-1], heads)
+    inputs, upstream = torch.randn(shape, requires_grad=True), torch.randn(shape)
+
+    def run(forward: Callable[[Attention, Tensor, Tensor], Tensor]) -> None:
+        with torch.autocast("cpu", torch.bfloat16, enabled=PRECISIONS[precision]):
+            result = forward(layer, inputs, inputs)
+        torch.autograd.grad(result, [inputs, *layer.parameters()], upstream.to(result))
+
+    times = interleaved(
+        {"written": lambda: run(Attention.forward), "fused": lambda: run(_fused_forward)},
+        rounds=rounds,
+    )
+    case = f"{shape[1]}_{precision}"
+    return {
+        f"attention_ms_{case}": times.ms("written"),
+        f"ratio_fused_to_written_{case}": times.ratio("fused", "written"),
+    }
+
+
+def _fused_forward(layer: Attention, tokens: Tensor, context: Tensor) -> Tensor:
+    """`Attention.forward` by torch's fused kernel."""
+    query = layer._split(layer.query(tokens))
+    key, value = (layer._split(part) for part in layer.key_value(context).chunk(2, dim=-1))
+    return layer.output(functional.scaled_dot_product_attention(query, key, value).transpose(1, 2).flatten(2))
+
+
+def _decoder(images: int, dim: int, grid: tuple[int, ...], side: int, rounds: int) -> dict[str, float]:
+    """The decoder's convolutions by the memory layout of their input; the network's tokens come as `unchanged`."""
+    torch.manual_seed(0)
+    decoder = Decoder(dim=dim, blocks=side.bit_length() - 1, linear=True, zero_start=False)
+    tokens = torch.randn(images, 1 + grid[0] * grid[1], dim)
+    unchanged = tokens[:, 1:].unflatten(1, grid).movedim(-1, 1)
+    layouts = {
+        "channels_last": unchanged.contiguous(memory_format=torch.channels_last),
+        "unchanged": unchanged,
+        "standard": unchanged.contiguous(),
+    }
+
+    def run(features: Tensor, precision: str) -> None:
+        features = features.detach().requires_grad_()
+        with torch.autocast("cpu", torch.bfloat16, enabled=PRECISIONS[precision]):
+            result = _without_layout(decoder, features)
+        torch.autograd.grad(result.float().sum(), [features, *decoder.parameters()])
+
+    found = {}
+    for precision in PRECISIONS:
+        times = interleaved(
+            {name: partial(run, features, precision) for name, features in layouts.items()}, rounds=rounds
+        )
+        found[f"decoder_ms_{precision}"] = times.ms("channels_last")
+        for name in ("standard", "unchanged"):
+            found[f"ratio_{name}_to_channels_last_{precision}"] = times.ratio(name, "channels_last")
+    return found
+
+
+def _without_layout(decoder: Decoder, features: Tensor) -> Tensor:
+    """`Decoder.forward` without its first line."""
+    assert decoder.linear is not None
+    patches = decoder.linear(features)
+    for block in decoder.blocks:
+        features = block(features)
+    return decoder.to_image(functional.silu(features)) + patches
+
+
+def _rotations(count: int, rounds: int) -> dict[str, float]:
+    """Nearest rotations of `count` matrices."""
+    generator = torch.Generator().manual_seed(0)
+    matrices = torch.eye(3) + 0.3 * torch.randn(count, 3, 3, generator=generator)
+
+    def by_svd() -> Tensor:
+        u, _, vh = torch.linalg.svd(matrices)
+        return u @ vh
+
+    times = interleaved({"polar": lambda: nearest_rotation(matrices), "svd": by_svd}, rounds=min(rounds, 3))
+    return {"polar_ms": times.ms("polar"), "ratio_svd_to_polar": times.ratio("svd", "polar")}
+
+
+def _clip(garment: tuple[int, int], body: tuple[int, int], frames: int) -> Clip:
+    """A synthetic clip; its root stands still."""
+    cloth, inside = shapes.garment(*garment), shapes.body(*body)
+    return Clip(
+        template_vertices=cloth.vertices.astype(np.float32),
+        garment_faces=cloth.faces,
+        garment_vertices=shapes.wrinkled(cloth, frames),
+        body_rest=inside.vertices.astype(np.float32),
+        body_faces=inside.faces,
+        body_vertices=shapes.moved(inside.vertices, frames),
+        fps=30.0,
+        poses=np.zeros((frames, 1, 3), np.float32),
+        trans=np.zeros((frames, 3), np.float32),
+        joints_rest=np.zeros((1, 3), np.float32),
+        parents=np.array([-1]),
+        name="tube",
+    )
+
+
+if __name__ == "__main__":
+    command(__doc__, measure)
