@@ -98,9 +98,9 @@ def fuse(
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Keep torch to one CPU thread: a step is a few dozen products of some 0.1 ms each, and threads that wait for
-    each other at every one cost more than they give (1,944 vertices, busy machine: 0.6 s a frame with two threads,
-    0.3 s with one).
+    """Keep torch to one CPU thread: a step is a few dozen products of some 0.1 ms each, and threads wait for each
+    other at every one. Two threads take 0.86 to 0.95 times as long on a machine with half of its cores in use, and
+    1.7 to 4 times on one with more work than cores (4,400 to 12,100 vertices, scripts/bench/fusion.py).
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -36,7 +36,7 @@ class Topology:
         self._to_vertices = SparseProduct(faces.ravel(), of_face, np.ones(faces.size), (n, len(faces)))
 
     def normals(self, vertices: torch.Tensor) -> torch.Tensor:
-        """Area-weighted unit vertex normals: the numbers of `render.vertex_normals`, several times as fast.
+        """Area-weighted unit vertex normals: the numbers of `render.vertex_normals`, about twice as fast.
 
         Args:
             vertices: (..., N, 3).

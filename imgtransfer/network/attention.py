@@ -27,8 +27,9 @@ class Attention(nn.Module):
         """
         query = self._split(self.query(tokens))
         key, value = (self._split(part) for part in self.key_value(context).chunk(2, dim=-1))
-        # Written out, not scaled_dot_product_attention: for the few tokens here (65 to 257) its CPU kernel
-        # takes up to four times as long in bfloat16, forward and backward.
+        # Written out, not scaled_dot_product_attention: for the few tokens here (65 to 257) a layer with its
+        # CPU kernel takes two to three times as long in bfloat16, forward and backward; about as long in
+        # float32 (scripts/bench/training.py).
         weights = torch.softmax((query * query.shape[-1] ** -0.5) @ key.mT, dim=-1)
         return self.output((weights @ value).transpose(1, 2).flatten(2))
 

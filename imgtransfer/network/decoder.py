@@ -63,7 +63,7 @@ class Decoder(nn.Module):
         """(B, dim, rows, columns) -> (B, 3, rows * 2 ** blocks, columns * 2 ** blocks)."""
         features = features.contiguous(
             memory_format=torch.channels_last
-        )  # twice as fast on CPUs, harmless elsewhere
+        )  # the tokens' own layout; on CPUs the standard one takes up to 1.7 times as long
         patches = 0 if self.linear is None else self.linear(features)
         for block in self.blocks:
             features = block(features)
