@@ -99,8 +99,8 @@ def fuse(
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Keep torch to one CPU thread: a step is a few dozen products of some 0.1 ms each, and threads wait for each
-    other at every one. Two threads take 0.86 to 0.95 times as long on a machine with half of its cores in use, and
-    1.7 to 4 times on one with more work than cores (4,400 to 12,100 vertices, scripts/bench/fusion.py).
+    other at every one. On a machine in use, two threads took between 0.86 times and 4 times as long as one,
+    depending on what else ran (4,400 and 12,100 vertices, scripts/bench/fusion.py).
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
