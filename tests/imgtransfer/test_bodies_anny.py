@@ -164,9 +164,10 @@ def test_twist_is_unwrapped_and_between_goes_halfway():
 
 @pytest.mark.long
 def test_the_stored_body_lies_on_annys_skin_and_moves_with_it(body):
-    """Needs the Anny package, whose first load on a machine takes about 1.5 minutes."""
-    anny = pytest.importorskip("anny")
-    gpytoolbox = pytest.importorskip("gpytoolbox")
+    """Anny's first load on a machine takes about 1.5 minutes; `scripts/test --long` installs it."""
+    import anny  # noqa: PLC0415
+    import gpytoolbox  # noqa: PLC0415
+
     to_z_up = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     model = anny.Anny()
     rest = model(pose_parameters=None)
