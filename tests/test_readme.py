@@ -87,3 +87,22 @@ def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[
     assert options
     # an argument without an explanation would show as a line of its name alone
     assert all(len(option.split()) > 2 for option in options)
+
+
+PYTHON = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+
+
+def test_the_readme_has_python() -> None:
+    assert PYTHON
+
+
+@pytest.mark.parametrize("block", PYTHON)
+def test_a_python_block_runs(
+    block: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It prints what its comments promise."""
+    monkeypatch.chdir(PROJECT)
+    exec(compile(block, "README.md", "exec"), {})
+    promised = re.findall(r"^print\(.*?\)  # (\([\d, ]+\))", block, re.MULTILINE)
+    assert promised
+    assert capsys.readouterr().out.split("\n")[: len(promised)] == promised
