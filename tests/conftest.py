@@ -26,7 +26,8 @@ def _needs_osmesa(item: pytest.Item) -> bool:
     parameters = (
         item.callspec.params if isinstance(item, pytest.Function) and hasattr(item, "callspec") else {}
     )
-    return "osmesa" in parameters.values() or item.get_closest_marker("osmesa") is not None
+    named = any(isinstance(value, str) and value == "osmesa" for value in parameters.values())
+    return named or item.get_closest_marker("osmesa") is not None
 
 
 def _distribution_has_osmesa() -> bool:
