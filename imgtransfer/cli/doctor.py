@@ -9,9 +9,9 @@ from importlib.metadata import PackageNotFoundError, version
 
 from render import InputError
 
-OPTIONAL = {
-    "newton": "cloth simulation (`imgtransfer simulate`)",
-    "anny": "the Anny body model, to rebuild the body mesh",
+OPTIONAL = {  # what for, and the extra of this project that installs it
+    "newton": ("cloth simulation (`imgtransfer simulate`)", "simulate"),
+    "anny": ("the Anny body model, to rebuild the body mesh", "bodies"),
 }
 CORE = (
     "imgtransfer",
@@ -44,9 +44,9 @@ def run(args: argparse.Namespace) -> None:
     del args
     print(f"{'python':10} {platform.python_version()} on {platform.system()}, {_cores()} cores")
     broken = [part() for part in (_gl, _torch, _warp)]
-    for package, use in OPTIONAL.items():
-        found = _version(package)
-        print(f"{package:10} {found or f'missing: {use}; pip install imgtransfer[simulate]'}")
+    for package, (use, extra) in OPTIONAL.items():
+        missing = f"missing: {use}; in the project's folder: pip install -c constraints.txt -e '.[{extra}]'"
+        print(f"{package:10} {_version(package) or missing}")
     versions = [f"{package} {_version(package) or 'missing'}" for package in CORE]
     print(f"{'versions':10} {', '.join(versions)}")
     problems = [problem for problem in broken if problem]

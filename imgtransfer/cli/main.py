@@ -6,7 +6,7 @@ import argparse
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from render import InputError
 
@@ -40,21 +40,34 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command. Exit status: 0 done, 2 input that the user can mend, 130 Ctrl-C."""
-    try:
+    """Run one command; for the exit status see `exit_status`."""
+
+    def command() -> None:
         args = build_parser().parse_args(argv)
         args.run(args)
+
+    return exit_status(command, program="imgtransfer", stopped="stopped")
+
+
+def exit_status(run: Callable[[], object], *, program: str, stopped: str) -> int:
+    """Call `run`, and turn what a user can mend into one line on stderr that starts with `program`.
+
+    Returns:
+        0 done, 2 input that the user can mend, 130 Ctrl-C (after saying `stopped`).
+    """
+    try:
+        run()
     except InputError as error:
-        print(f"imgtransfer: error: {error}", file=sys.stderr)
+        print(f"{program}: error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("imgtransfer: stopped", file=sys.stderr)
+        print(f"{program}: {stopped}", file=sys.stderr)
         return 130
     except BrokenPipeError:  # `imgtransfer inspect ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # no permission, a full disk, a file where a folder is wanted
-        print(f"imgtransfer: error: {error.filename or 'files'}: {error.strerror or error}", file=sys.stderr)
+        print(f"{program}: error: {error.filename or 'files'}: {error.strerror or error}", file=sys.stderr)
         return 2
     return 0
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from imgtransfer.cli.main import exit_status
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import open_clips
 from imgtransfer.deform import Deformation, deform
@@ -171,27 +172,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="scripts/demo", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
     out = parser.parse_args().out
-    try:
+
+    def demo() -> None:
         config = load_config(DEMO_CONFIG, [f"data.source={json.dumps(str(SAMPLE_DATA))}"])
         metrics = run_demo(out, config, PRETRAINED)
-    except InputError as error:
-        print(f"demo: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("demo: stopped; the same command goes on with the training", file=sys.stderr)
-        return 130
-    print()
-    print(metrics_table(metrics, first="method"))
-    print()
-    shown = [
-        "report.html",
-        "metrics.json",
-        "metrics_by_clip.json",
-        *sorted(p.name for p in out.glob("*.glb")),
-    ]
-    for path in [*(out / name for name in shown), out / "run", *sorted(out.glob("*.png"))]:
-        print(path)
-    return 0
+        print(f"\n{metrics_table(metrics, first='method')}\n")
+        animations, pictures = sorted(out.glob("*.glb")), sorted(out.glob("*.png"))
+        files = [out / name for name in ("report.html", "metrics.json", "metrics_by_clip.json")]
+        for path in [*files, *animations, out / "run", *pictures]:
+            print(path)
+
+    return exit_status(demo, program="demo", stopped="stopped; the same command goes on with the training")
 
 
 if __name__ == "__main__":

@@ -23,7 +23,8 @@ system_packages() {
     { say "$why: the installation failed; run   apt-get install -y $*   and see what it says"; return 1; }
 }
 
-has_library() { ldconfig -p 2>/dev/null | grep -q "$1" || [ -e "/usr/lib/$(uname -m)-linux-gnu/$1" ]; }
+# Ordinary users of Debian have no /sbin in their PATH.
+has_library() { [[ $(PATH=$PATH:/usr/sbin:/sbin ldconfig -p 2>/dev/null) == *"$1"* ]]; }
 
 find_python() {
   local python
