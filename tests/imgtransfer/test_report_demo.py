@@ -12,7 +12,7 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.deform import deform
 from imgtransfer.evaluation.metrics import METRICS, evaluate_clip
-from imgtransfer.report.demo import DEMO_CONFIG, METHODS, PRETRAINED, SAMPLE_DATA, run_demo
+from imgtransfer.report.demo import DEMO_CONFIG, METHODS, PRETRAINED, SAMPLE_DATA, main, run_demo
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import RunConfig, load_config, parse_config
 from imgtransfer.training.loop import train
@@ -127,3 +127,13 @@ def test_the_checkpoint_that_comes_with_the_project_is_the_demos_network_for_the
     for name in data.names():
         model.check_garment(data.read(name))
     assert PRETRAINED.stat().st_size < 15e6
+
+
+def test_an_output_folder_that_is_a_file_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setattr("sys.argv", ["demo", "--out", str(tmp_path / "file")])
+    assert main() == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith(f"demo: error: {tmp_path / 'file'}")
+    assert (tmp_path / "file").read_text() == "mine"
