@@ -27,15 +27,19 @@ class Camera:
             Its near plane is kept by the rasteriser, its far plane is for other renderers: nothing is clipped
                 at it.
         size: (height, width) of the image in pixels.
+        layer: which surface along each ray the image shows: 0 the nearest, 1 the second, and so on; both sides
+            of every face are surfaces.
 
     Raises:
-        InputError: wrong shapes, values that are not finite, no perspective projection, or an empty image.
+        InputError: wrong shapes, values that are not finite, no perspective projection, an empty image, or a
+            layer below 0.
     """
 
     name: str
     view: np.ndarray
     projection: np.ndarray
     size: tuple[int, int]
+    layer: int = 0
 
     def __post_init__(self) -> None:
         for field in ("view", "projection"):
@@ -51,6 +55,10 @@ class Camera:
                 f"in x and y; found {self.projection.tolist()}"
             )
         object.__setattr__(self, "size", check_size(self.size))
+        if int(self.layer) != self.layer or self.layer < 0:
+            raise InputError(
+                f"camera '{self.name}': layer must be a whole number from 0 on, found {self.layer}"
+            )
 
     @property
     def near(self) -> float:
@@ -94,6 +102,7 @@ def frame_cameras(
     size: tuple[int, int] = (256, 256),
     fov_degrees: float = 15.0,
     margin: float = 0.05,
+    layers: int = 1,
 ) -> tuple[Camera, ...]:
     """Cameras that look at the middle of the template from the named sides, each as near as its vertices allow.
 
@@ -107,9 +116,10 @@ def frame_cameras(
         fov_degrees: field of view over the image's shorter side; pixels are square. A narrow one stands farther
             away and sees more of the flanks (the public T-shirt: 93.8 % of the vertices at 30, 95.1 % at 15).
         margin: share of the image's height and width that stays free at each border.
+        layers: how many surfaces deep each view is imaged.
 
     Returns:
-        One camera a view, in the order given.
+        For each view in the order given one camera a layer, named "front", "front/1", "front/2" and so on.
 
     Raises:
         InputError: an unknown or repeated view, none at all, or a size, field of view or margin that makes no
@@ -126,6 +136,8 @@ def frame_cameras(
             f"the field of view must be 1 to 120 degrees and the margin 0 to below 0.5; "
             f"found {fov_degrees} and {margin}"
         )
+    if int(layers) != layers or layers < 1:
+        raise InputError(f"layers must be a whole number from 1 on, found {layers}")
     low, high = template.vertices.min(axis=0), template.vertices.max(axis=0)
     if (high - low).max() == 0:
         raise InputError(f"{template.source}: all vertices are at one point, there is nothing to look at")
@@ -146,7 +158,10 @@ def frame_cameras(
         # Wide limits: the body, larger than the garment, is imaged with the same cameras.
         near = min(distance / 20, (distance - front) / 2)
         projection = perspective(tangent, near=near, far=distance * 4)
-        cameras.append(Camera(name, view, projection, (height, width)))
+        cameras += [
+            Camera(f"{name}/{layer}" if layer else name, view, projection, (height, width), layer)
+            for layer in range(layers)
+        ]
     return tuple(cameras)
 
 

@@ -5,99 +5,93 @@ from __future__ import annotations
 import numpy as np
 
 from render.context import GLContext
+from render.peeling import NearestLayers
 from render.screen import ScreenFaces
 
-# The projection is done in float64 beforehand, so the vertex shader only passes image positions on. Depth is
-# evaluated from the face's plane at the pixel centre itself: the rasteriser's own interpolation starts from
-# corners snapped to 1/256 pixel, which on steep faces moves the depth enough to change the winner.
+# The projection is done in float64 beforehand, so the vertex shader only passes image positions on. There is no
+# depth here: OpenGL says which faces cover a pixel's centre, one a pass in the order of their numbers, which are
+# exact where any depth it could compare would be rounded. Which of them is nearest is decided in float64.
 _VERTEX_SHADER = """
 #version 330
 in vec2 in_position;  // normalised device coordinates
-in vec2 in_origin;    // pixels: first corner of the face
-in vec3 in_plane;     // depth at the origin and its change per pixel in x and y
-in float in_id;       // face index + 1
-flat out vec2 origin;
-flat out vec3 plane;
-flat out float id;
+in float in_number;   // index of the face + 1
+flat out float number;
 void main() {
     gl_Position = vec4(in_position, 0.0, 1.0);
-    origin = in_origin;
-    plane = in_plane;
-    id = in_id;
+    number = in_number;
 }
 """
 _FRAGMENT_SHADER = """
 #version 330
-flat in vec2 origin;
-flat in vec3 plane;
-flat in float id;
+uniform sampler2D previous;
+flat in float number;
 out float face;
 void main() {
-    face = id;
-    gl_FragDepth = plane.x + dot(plane.yz, gl_FragCoord.xy - origin);
+    if (number <= texelFetch(previous, ivec2(gl_FragCoord.xy), 0).r) discard;
+    face = number;
 }
 """
 _MOST_FACES = 1 << 24  # whole numbers that float32 holds exactly
+_NO_FACE = float(2 * _MOST_FACES)  # above every number, so that nothing is drawn there in later passes
 
 
-def gl_face_ids(context: GLContext, faces: ScreenFaces, size: tuple[int, int]) -> np.ndarray:
-    """The nearest face at every pixel centre, both sides drawn, one sample a pixel.
+def gl_face_ids(context: GLContext, faces: ScreenFaces, size: tuple[int, int], layers: int = 1) -> np.ndarray:
+    """The nearest faces at every pixel centre, both sides drawn, one sample a pixel.
+
+    As many passes as faces lie over one another.
 
     Args:
         context: an open context, current in this thread.
         faces: projected faces, at most 2^24 of them.
         size: (height, width).
+        layers: how many faces deep, L.
 
     Returns:
-        (height, width) int32, -1 where there is no face. Equal to `reference_face_ids` wherever the pixel's
-        centre is more than 1/100 pixel from every edge (hardware snaps corners to 1/256 pixel).
+        (L, height, width) int32, -1 where there is no further face. Equal to `reference_face_ids` wherever the
+        pixel's centre is more than 1/100 pixel from every edge (hardware snaps corners to 1/256 pixel).
     """
     import moderngl  # noqa: PLC0415
 
+    nearest = NearestLayers(faces, size, layers)
     if len(faces.ids) == 0:
-        return np.full(size, -1, np.int32)
-    if faces.ids.max() + 1 >= _MOST_FACES:
-        raise ValueError(f"at most {_MOST_FACES - 2} faces can be drawn, found index {faces.ids.max()}")
+        return nearest.face_id
+    if len(faces.ids) >= _MOST_FACES:
+        raise ValueError(f"at most {_MOST_FACES - 1} faces can be drawn, found {len(faces.ids)}")
     gl, (height, width) = context.gl, size
     program = gl.program(vertex_shader=_VERTEX_SHADER, fragment_shader=_FRAGMENT_SHADER)
     buffer = gl.buffer(_vertex_data(faces, size).tobytes())
-    names = ("in_position", "in_origin", "in_plane", "in_id")
-    array = gl.vertex_array(program, [(buffer, "2f 2f 3f 1f", *names)])
-    colour, depth = gl.texture((width, height), 1, dtype="f4"), gl.depth_renderbuffer((width, height))
-    target = gl.framebuffer([colour], depth)
+    array = gl.vertex_array(program, [(buffer, "2f 1f", "in_position", "in_number")])
+    textures = [gl.texture((width, height), 1, dtype="f4") for _ in range(2)]
+    targets = [gl.framebuffer([texture]) for texture in textures]
     try:
-        target.use()
-        gl.enable_only(moderngl.DEPTH_TEST)  # no culling, no blending
-        gl.depth_func = "<"
-        target.clear(0.0, depth=1.0)
-        array.render(moderngl.TRIANGLES)
-        drawn = np.frombuffer(colour.read(), np.float32).reshape(height, width)
+        gl.enable_only(moderngl.NOTHING)  # no depth test, no culling, no blending: the last fragment stays
+        targets[1].clear(0.0)
+        while True:
+            targets[0].use()
+            targets[0].clear(_NO_FACE)
+            textures[1].use(0)
+            array.render(moderngl.TRIANGLES)
+            drawn = np.frombuffer(textures[0].read(), np.float32)
+            pixel = np.flatnonzero(drawn < _NO_FACE)
+            if len(pixel) == 0:
+                break
+            nearest.add(pixel, drawn[pixel].astype(np.int64) - 1)
+            textures.reverse()
+            targets.reverse()
     finally:
-        for resource in (target, colour, depth, array, buffer, program):
+        for resource in (*targets, *textures, array, buffer, program):
             resource.release()
-    return drawn.round().astype(np.int32) - 1
+    return nearest.face_id
 
 
 def _vertex_data(faces: ScreenFaces, size: tuple[int, int]) -> np.ndarray:
-    """(3 K, 8) float32, the attributes of the shader above.
+    """(3 K, 3) float32, the attributes of the shader above, the last face first: of several the lowest stays.
 
     The one vertical flip: OpenGL's row 0 is the bottom one. Image y is handed over as if it ran upwards, so
     the rows come back with row 0 at the top and nothing is flipped afterwards.
     """
     height, width = size
-    position = faces.corners / (width / 2, height / 2) - 1
-    # Reciprocal depth, near to far onto 0 to 1: affine over the image like 1/depth, and tight around the
-    # mesh.
-    values = np.stack(
-        [faces.reciprocal_depth(np.arange(len(faces.ids)), faces.corners[:, k]) for k in range(3)]
-    )
-    nearest, farthest = values.max(), values.min()
-    spread = max(nearest - farthest, 1e-9 * nearest) * 1.002  # a hair wider, so that rounding clips nothing
-    plane = -faces.plane / spread
-    plane[:, 0] += nearest / spread + 0.001
-    data = np.empty((len(faces.ids), 3, 8), np.float32)
-    data[..., 0:2] = position
-    data[..., 2:4] = faces.corners[:, :1]
-    data[..., 4:7] = plane[:, None]
-    data[..., 7] = (faces.ids + 1)[:, None]
-    return data.reshape(-1, 8)
+    data = np.empty((len(faces.ids), 3, 3), np.float32)
+    data[..., :2] = faces.corners / (width / 2, height / 2) - 1
+    data[..., 2] = np.arange(1, len(faces.ids) + 1)[:, None]
+    return data[::-1].reshape(-1, 3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import torch
@@ -22,7 +23,7 @@ class TemplateImager:
 
     Attributes:
         mesh: the template, N vertices.
-        cameras: S cameras of size (height, width).
+        cameras: S cameras of size (height, width), one an image: a view of two layers has two.
         raster: what they see.
         operator: the interpolation B.
         mask: (S, H, W) bool tensor, the silhouette.
@@ -47,6 +48,7 @@ class TemplateImager:
         *,
         views: Sequence[str] = ("front", "back"),
         size: tuple[int, int] = (256, 256),
+        layers: int = 1,
         cameras: Sequence[Camera] | None = None,
         backend: str = "auto",
     ) -> TemplateImager:
@@ -56,14 +58,20 @@ class TemplateImager:
             mesh: the template at rest, metres, y up, facing +z.
             views: names for `frame_cameras`; not used if `cameras` is given.
             size: (height, width) of the maps; not used if `cameras` is given.
+            layers: how many surfaces deep each view is imaged; layers that show nothing of the template are left
+                out. Not used if `cameras` is given.
             cameras: cameras of another template: the body is imaged with those of its garment.
             backend: as for `rasterize`.
 
         Raises:
             InputError: whatever `frame_cameras` or `rasterize` refuses.
         """
-        chosen = frame_cameras(mesh, views=views, size=size) if cameras is None else tuple(cameras)
-        return cls(mesh, chosen, rasterize(mesh, chosen, backend=backend))
+        if cameras is not None:
+            return cls(mesh, tuple(cameras), rasterize(mesh, cameras, backend=backend))
+        framed = frame_cameras(mesh, views=views, size=size, layers=layers)
+        raster = rasterize(mesh, framed, backend=backend)
+        shown = raster.mask.any(axis=(1, 2))
+        return cls(mesh, tuple(itertools.compress(framed, shown)), raster.images(shown))
 
     def position_maps(self, vertices: torch.Tensor, box: PositionBox) -> torch.Tensor:
         """P of equation 1: vertices (..., N, 3) in metres to encoded maps (..., S, H, W, 3), background 0."""

@@ -19,12 +19,12 @@ from render.reference import reference_face_ids
 from render.screen import ScreenFaces, screen_faces
 
 BACKENDS = ("auto", *GL_BACKENDS, "numpy")
-_FaceIds = Callable[[ScreenFaces, tuple[int, int]], np.ndarray]
+_FaceIds = Callable[[ScreenFaces, tuple[int, int], int], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """What the pixels of S views of H × W pixels see of one mesh.
+    """What S images of H × W pixels show of one mesh, each the surface that its camera's layer names.
 
     Args:
         face_id: (S, H, W) int32, -1 in the background.
@@ -44,12 +44,18 @@ class Raster:
         """(S, H, W) bool, true where a pixel sees the mesh."""
         return self.face_id >= 0
 
+    def images(self, chosen: np.ndarray) -> Raster:
+        """The raster of some of the images only; (S,) bool."""
+        return Raster(self.face_id[chosen], self.barycentric[chosen], self.depth[chosen], self.backend)
+
 
 MAX_LENGTH = 8192  # pixels a side: every renderer can; software renderers crash on much larger images
 
 
 def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -> Raster:
-    """Rasterise a mesh once per camera; both sides of every face count.
+    """Rasterise a mesh; both sides of every face count.
+
+    Cameras that differ in their layer only share one drawing.
 
     Face ids come from the backend. Barycentrics and depth are then computed from them in float64, so they do
     not depend on the backend.
@@ -62,7 +68,7 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
 
     Raises:
         InputError: no camera, cameras of different or impossible sizes, an unknown or unavailable backend, a mesh that
-            reaches through a camera's near plane or that a camera does not see at all.
+            reaches through a camera's near plane, or that a camera of layer 0 does not see at all.
     """
     if not cameras or len({camera.size for camera in cameras}) != 1:
         raise InputError(
@@ -71,11 +77,10 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
         )
     if not all(1 <= length <= MAX_LENGTH for length in cameras[0].size):
         raise InputError(f"images of 1 to {MAX_LENGTH} pixels a side can be drawn, found {cameras[0].size}")
-    projected = [screen_faces(mesh, camera) for camera in cameras]
     with _drawing(backend) as (name, face_ids):
-        drawn = [face_ids(faces, camera.size) for faces, camera in zip(projected, cameras, strict=True)]
+        drawn = _draw(mesh, cameras, face_ids)
     for camera, ids in zip(cameras, drawn, strict=True):
-        if (ids < 0).all():
+        if camera.layer == 0 and (ids < 0).all():
             raise InputError(
                 f"{mesh.source}: garment outside the view: camera '{camera.name}' sees none of it; frame the "
                 "cameras on this mesh, in metres and facing +z"
@@ -84,6 +89,20 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
     barycentric = np.stack([place[0] for place in places])
     depth = np.stack([place[1] for place in places]).astype(np.float32)
     return Raster(np.stack(drawn), barycentric, depth, name)
+
+
+def _draw(mesh: Mesh, cameras: Sequence[Camera], face_ids: _FaceIds) -> list[np.ndarray]:
+    """(H, W) face ids of each camera; those that differ in their layer only are drawn together."""
+    places: dict[tuple[bytes, bytes], list[int]] = {}
+    for image, camera in enumerate(cameras):
+        places.setdefault((camera.view.tobytes(), camera.projection.tobytes()), []).append(image)
+    drawn = [np.empty(0)] * len(cameras)
+    for images in places.values():
+        camera = cameras[images[0]]
+        layers = face_ids(screen_faces(mesh, camera), camera.size, 1 + max(cameras[i].layer for i in images))
+        for image in images:
+            drawn[image] = layers[cameras[image].layer]
+    return drawn
 
 
 def surface_points(mesh: Mesh, camera: Camera, face_id: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,45 +4,39 @@ from __future__ import annotations
 
 import numpy as np
 
+from render.peeling import NearestLayers
 from render.screen import ScreenFaces, expand
 
 _CHUNK = 1 << 21  # face-pixel pairs looked at together; bounds the memory to a few hundred MB
 
 
-def reference_face_ids(faces: ScreenFaces, size: tuple[int, int]) -> np.ndarray:
-    """The nearest face at every pixel centre, in float64.
+def reference_face_ids(faces: ScreenFaces, size: tuple[int, int], layers: int = 1) -> np.ndarray:
+    """The nearest faces at every pixel centre, in float64.
 
     A centre on an edge belongs to one of the two faces beside it (edge rule below), so a closed surface has
-    neither holes nor doubly covered pixels. Of faces at the same depth the one with the lower index wins.
-    Both sides count.
+    neither holes nor doubly covered pixels. Both sides count.
 
     Args:
         faces: projected faces.
         size: (height, width).
+        layers: how many faces deep, L.
 
     Returns:
-        (height, width) int32, -1 where there is no face.
+        (L, height, width) int32, -1 where there is no further face.
     """
     height, width = size
     # Pixel columns and rows whose centres lie in each face's bounding box, cut at the image's border.
     first = np.clip(np.ceil(faces.corners.min(axis=1) - 0.5), 0, (width, height)).astype(np.int64)
     last = np.clip(np.floor(faces.corners.max(axis=1) - 0.5), -1, (width - 1, height - 1)).astype(np.int64)
     extent = np.maximum(last - first + 1, 0)
-    nearest = np.zeros(height * width)  # reciprocal depth; 0 is infinitely far
-    ids = np.full(height * width, -1, np.int32)
+    nearest = NearestLayers(faces, size, layers)
     for part in _chunks(extent.prod(axis=1)):
         owner, number = expand(extent[part].prod(axis=1))
         index = part.start + owner
         cell = first[index] + np.stack([number % extent[index, 0], number // extent[index, 0]], axis=1)
-        inside = _covers(faces.corners[index], cell + 0.5)
-        index, cell = index[inside], cell[inside]
-        value, pixel = faces.reciprocal_depth(index, cell + 0.5), cell[:, 1] * width + cell[:, 0]
-        order = np.lexsort((index, -value, pixel))
-        winner = order[np.unique(pixel[order], return_index=True)[1]]
-        winner = winner[value[winner] > nearest[pixel[winner]]]
-        nearest[pixel[winner]] = value[winner]
-        ids[pixel[winner]] = faces.ids[index[winner]]
-    return ids.reshape(height, width)
+        inside = covers(faces.corners[index], cell + 0.5)
+        nearest.add((cell[:, 1] * width + cell[:, 0])[inside], index[inside])
+    return nearest.face_id
 
 
 def _chunks(counts: np.ndarray) -> list[slice]:
@@ -54,7 +48,7 @@ def _chunks(counts: np.ndarray) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(counts)], strict=True)]
 
 
-def _covers(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+def covers(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(K,) bool: whether triangles (K, 3, 2) cover points (K, 2).
 
     The edge function is always evaluated from the end that comes first in (x, y) order and its sign is

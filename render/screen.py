@@ -51,7 +51,8 @@ def screen_faces(mesh: Mesh, camera: Camera) -> ScreenFaces:
             "in front of it); move the camera away, or use a smaller field of view"
         )
     ids = np.flatnonzero(corners_behind == 0)
-    triangles = projected[mesh.faces[ids]]
+    # Corners in the order of their indices: copies of a face, turned or not, then get the very same plane.
+    triangles = projected[np.sort(mesh.faces[ids], axis=1)]
     edge_1, edge_2 = triangles[:, 1, :2] - triangles[:, 0, :2], triangles[:, 2, :2] - triangles[:, 0, :2]
     area = edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0]
     kept = np.abs(area) > _LEAST_AREA

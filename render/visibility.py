@@ -6,6 +6,7 @@ import numpy as np
 
 from render.cameras import Camera
 from render.mesh import Mesh
+from render.reference import covers
 from render.screen import expand, screen_faces
 
 # How much nearer (metres) an occluding face must be: rounding of the projection, well below any cloth
@@ -14,14 +15,15 @@ _CLEARANCE = 1e-6
 
 
 def visible_vertices(mesh: Mesh, camera: Camera) -> np.ndarray:
-    """Vertices with a free line of sight to the camera, decided against the mesh itself, not its pixels.
+    """Vertices that lie on the camera's layer, decided against the mesh itself, not its pixels.
 
-    A vertex is hidden where a face that it is no corner of covers its projection and is nearer. Both sides of
-    cloth hide and are seen.
+    A vertex is hidden by every face that it is no corner of, that covers its projection and that is nearer; it
+    lies on layer k where k faces hide it. Both sides of cloth hide and are seen. A vertex behind an edge is
+    hidden by one of the two faces beside the edge.
 
     Args:
         mesh: N vertices.
-        camera: the view.
+        camera: the view and its layer.
 
     Returns:
         (N,) bool; false outside the image.
@@ -54,14 +56,5 @@ def visible_vertices(mesh: Mesh, camera: Camera) -> np.ndarray:
     face, vertex = face[apart], vertex[apart]
     point = projected[vertex, :2]
     face_depth = 1 / np.maximum(faces.reciprocal_depth(face, point), 1e-12)
-    hidden = _contains(faces.corners[face], point) & (face_depth < projected[vertex, 2] - _CLEARANCE)
-    seen[vertex[hidden]] = False
-    return seen
-
-
-def _contains(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(K,) bool: whether closed triangles (K, 3, 2) contain points (K, 2)."""
-    edges = np.roll(corners, -1, axis=1) - corners
-    offsets = points[:, None] - corners
-    side = edges[..., 0] * offsets[..., 1] - edges[..., 1] * offsets[..., 0]
-    return (side >= 0).all(axis=1) | (side <= 0).all(axis=1)
+    hides = covers(faces.corners[face], point) & (face_depth < projected[vertex, 2] - _CLEARANCE)
+    return seen & (np.bincount(vertex[hides], minlength=len(seen)) == camera.layer)
