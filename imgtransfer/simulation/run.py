@@ -9,7 +9,8 @@ from importlib.metadata import version
 import numpy as np
 
 from fusion import BodySdf
-from imgtransfer.bodies.anny import AnnyBody, BonePoses, load_body
+from imgtransfer.bodies.anny import AnnyBody, load_body
+from imgtransfer.bodies.skinned import BonePoses
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.tshirt import TShirtConfig, make_tshirt
