@@ -7,14 +7,23 @@ import torch
 
 from render.errors import InputError
 from render.imager import TemplateImager
+from render.mesh import check_faces
 
 Array = np.ndarray | torch.Tensor
 
 
 class FusionInputs:
-    """The arguments of `fuse`, checked, as float32 tensors on the CPU; None where not given.
+    """The arguments of `fuse`, checked; None where not given.
 
-    Background pixels of the maps are 0 here, whatever they held.
+    Attributes:
+        n_frames: T.
+        positions, normals: (T, S, H, W, 3) float32 on the CPU, 0 in the background, whatever it held.
+        confidence: (T, S, H, W) float32 on the CPU, at least 0, 0 in the background.
+        initial: (T, N, 3) float32 on the CPU.
+        pinned: (P,) int64 on the CPU, different vertices; None for P = 0 too.
+        pinned_positions: (T, P, 3) float32 on the CPU; None where pinned vertices stay where they start.
+        body_vertices, under_vertices: (T, B, 3) and (T, M, 3) float32 on the CPU.
+        body_faces, under_faces: (G, 3) and (K, 3) int64 arrays.
 
     Raises:
         InputError: as `fuse` says.
@@ -27,42 +36,112 @@ class FusionInputs:
         positions: Array | None,
         normals: Array | None,
         initial: Array | None,
-        body_vertices: Array | None,
-        body_faces: Array | None,
+        confidence: Array | None = None,
+        pinned: Array | None = None,
+        pinned_positions: Array | None = None,
+        body_vertices: Array | None = None,
+        body_faces: Array | None = None,
+        under_vertices: Array | None = None,
+        under_faces: Array | None = None,
     ) -> None:
         if (positions is None) == (initial is None):
             raise InputError("fuse: give position maps or initial vertices to start from, and not both")
-        if (body_vertices is None) != (body_faces is None):
-            raise InputError("fuse: body_vertices and body_faces belong together, found only one of them")
         start = positions if positions is not None else initial
         assert start is not None
+        if start.ndim == 0 or len(start) == 0:
+            raise InputError("fuse: no frames; the first axis of the maps is the frame")
         self.n_frames = len(start)
-        maps = (self.n_frames, *imager.mask.shape, 3)
-        mask = imager.mask
+        mask, n_vertices = imager.mask, len(imager.mesh.vertices)
+        maps = (self.n_frames, *mask.shape, 3)
         self.positions = _checked("positions", positions, maps, mask)
         self.normals = _checked("normals", normals, maps, mask)
-        self.initial = _checked("initial", initial, (self.n_frames, len(imager.mesh.vertices), 3))
-        n_body = 0 if body_vertices is None else int(body_vertices.shape[-2])
-        self.body_vertices = _checked("body_vertices", body_vertices, (self.n_frames, n_body, 3))
-        self.body_faces = body_faces
-        if self.n_frames == 0:
-            raise InputError("fuse: no frames; the first axis of the maps is the frame")
+        self.confidence = self._checked_confidence(confidence, mask)
+        self.initial = _checked("initial", initial, (self.n_frames, n_vertices, 3))
+        self.pinned, self.pinned_positions = self._checked_pins(pinned, pinned_positions, n_vertices)
+        self.body_vertices, self.body_faces = self._checked_surface("body", body_vertices, body_faces)
+        self.under_vertices, self.under_faces = self._checked_surface("under", under_vertices, under_faces)
+
+    def _checked_confidence(self, values: Array | None, mask: torch.Tensor) -> torch.Tensor | None:
+        """Refuse negative weights, and frames in which no pixel counts."""
+        if values is not None and self.positions is None and self.normals is None:
+            raise InputError("fuse: confidence belongs to maps, found neither positions nor normals")
+        confidence = _checked("confidence", values, (self.n_frames, *mask.shape), mask)
+        if confidence is None:
+            return None
+        if bool((confidence < 0).any()):
+            raise InputError(
+                f"fuse: confidence must be at least 0 (1 is as usual), found {float(confidence.min())}"
+            )
+        empty = (confidence == 0).flatten(1).all(1)
+        if bool(empty.any()):
+            raise InputError(
+                f"fuse: confidence is 0 at every covered pixel of frame {int(empty.nonzero()[0])}; leave it out"
+            )
+        return confidence
+
+    def _checked_pins(
+        self, pinned: Array | None, positions: Array | None, n_vertices: int
+    ) -> tuple[torch.Tensor | None, torch.Tensor | None]:
+        if pinned is None:
+            if positions is not None:
+                raise InputError("fuse: pinned_positions need pinned, the numbers of these vertices")
+            return None, None
+        tensor = torch.as_tensor(pinned).detach().cpu()
+        if tensor.numel() == 0:
+            return None, None
+        if tensor.ndim != 1 or tensor.is_floating_point() or tensor.dtype == torch.bool:
+            raise InputError(
+                f"fuse: pinned must be whole numbers (P,), found {tensor.dtype} {tuple(tensor.shape)}"
+            )
+        tensor = tensor.long()
+        bad = tensor[(tensor < 0) | (tensor >= n_vertices)]
+        if len(bad):
+            raise InputError(
+                f"fuse: pinned names vertex {int(bad[0])}, but the template has 0..{n_vertices - 1}"
+            )
+        numbers, counts = tensor.unique(return_counts=True)
+        if len(numbers) < len(tensor):
+            raise InputError(f"fuse: pinned names vertex {int(numbers[counts > 1][0])} more than once")
+        return tensor, _checked("pinned_positions", positions, (self.n_frames, len(tensor), 3))
+
+    def _checked_surface(
+        self, name: str, vertices: Array | None, faces: Array | None
+    ) -> tuple[torch.Tensor | None, np.ndarray | None]:
+        """Both or neither: one surface a frame, of constant faces."""
+        if vertices is None and faces is None:
+            return None, None
+        if vertices is None or faces is None:
+            raise InputError(
+                f"fuse: {name}_vertices and {name}_faces belong together, found only one of them"
+            )
+        count = int(vertices.shape[-2]) if vertices.ndim > 1 else 0
+        checked = _checked(f"{name}_vertices", vertices, (self.n_frames, count, 3))
+        array = np.asarray(faces.detach().cpu() if isinstance(faces, torch.Tensor) else faces)
+        check_faces(array, count, f"{name}_faces")
+        return checked, array.astype(np.int64)
 
 
 def _checked(
     name: str, values: Array | None, shape: tuple[int, ...], mask: torch.Tensor | None = None
 ) -> torch.Tensor | None:
-    """Float32 on the CPU; InputError for another shape, or a value that is not finite (under the mask)."""
+    """Float32 on the CPU; InputError for another shape, or a value that is not finite (under the mask).
+
+    The mask (S, H, W) says which axes 1 to 3 of `values` count; the others become 0.
+    """
     if values is None:
         return None
     tensor = torch.as_tensor(values).detach().to("cpu", torch.float32)
     if tuple(tensor.shape) != shape:
         raise InputError(f"fuse: {name} must have shape {shape}, found {tuple(tensor.shape)}")
-    finite = torch.isfinite(tensor).all(-1)
+    finite = torch.isfinite(tensor)
+    if len(shape) != 4:
+        finite = finite.all(-1)
     bad = ~finite if mask is None else ~finite & mask
     if bool(bad.any()):
         first = bad.nonzero()[0].tolist()
         raise InputError(
             f"fuse: {name} has {int(bad.sum())} values that are not finite, the first at {first}"
         )
-    return tensor if mask is None else torch.where(mask[..., None], tensor, 0.0)
+    if mask is None:
+        return tensor
+    return torch.where(mask[..., None] if len(shape) == 5 else mask, tensor, 0.0)
