@@ -48,6 +48,18 @@ class FusionConfig(BaseModel):
         lt=0.05,
         description="Metres of clearance below which a vertex counts as inside; the paper's is 0.",
     )
+    sdf_band_m: float = Field(
+        default=0.05,
+        gt=0,
+        le=1,
+        description="Metres from an obstacle within which its distance is computed; farther vertices cost less.",
+    )
+    under_margin_m: float = Field(
+        default=0.001,
+        ge=0,
+        lt=0.05,
+        description="Metres by which the surface of the garment beneath is raised, its thickness for instance.",
+    )
     sdf_every_steps: int = Field(
         default=5,
         ge=1,
