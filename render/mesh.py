@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from render.errors import InputError
+from render.surface import Surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +20,7 @@ class Mesh:
         vertices: (N, 3) float64, metres, y up.
         faces: (F, 3) int64, counter-clockwise seen from outside, every index in [0, N).
         source: what error messages call it, usually the file name.
+        surface: texture coordinates, materials and the file's numbering; None where nothing of it is known.
 
     Raises:
         InputError: no faces, wrong shapes, an index out of range, or a vertex that is not finite.
@@ -27,6 +29,7 @@ class Mesh:
     vertices: np.ndarray
     faces: np.ndarray
     source: str = "mesh"
+    surface: Surface | None = None
 
     def __post_init__(self) -> None:
         vertices, faces = np.asarray(self.vertices, np.float64), np.asarray(self.faces)

@@ -9,6 +9,8 @@ import numpy as np
 
 from render.errors import InputError
 from render.mesh import Mesh
+from render.objfile import read_obj
+from render.surface import Surface
 
 SUFFIXES = (".obj", ".ply", ".glb", ".stl")
 
@@ -33,48 +35,51 @@ def load_mesh(path: Path | str) -> Mesh:
         raise InputError(f"{path}: a mesh must be one of {', '.join(SUFFIXES)}, found '{suffix}'")
     if not path.is_file():
         raise InputError(f"{path}: no such file")
-    vertices, faces = _read_obj(path) if suffix == ".obj" else _read_other(path)
+    vertices, faces, surface = read_obj(path) if suffix == ".obj" else _read_other(path)
     if suffix == ".stl":
         vertices, merged = np.unique(vertices, axis=0, return_inverse=True)
-        faces = merged.reshape(-1)[faces]
-    return Mesh(vertices, faces, source=str(path))
+        faces, surface = merged.reshape(-1)[faces], None
+    return Mesh(vertices, faces, source=str(path), surface=surface)
 
 
-def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of an OBJ file; trimesh reorders, splits and drops vertices, which we must not."""
-    vertices: list[list[float]] = []
-    faces: list[list[int]] = []
-    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
-        keyword, *words = line.split("#", 1)[0].split() or [""]
-        try:
-            if keyword == "v":
-                x, y, z = (float(word) for word in words[:3])  # a weight or a colour may follow
-                vertices.append([x, y, z])
-            elif keyword == "f":
-                corners = [_obj_index(word.split("/")[0], len(vertices)) for word in words]
-                if len(corners) < 3:
-                    raise ValueError
-                faces.extend([corners[0], corners[k], corners[k + 1]] for k in range(1, len(corners) - 1))
-        except ValueError:
-            raise InputError(
-                f"{path}: line {number} is not a valid vertex or face: '{line.strip()}'"
-            ) from None
-    return np.array(vertices, np.float64).reshape(-1, 3), np.array(faces, np.int64).reshape(-1, 3)
-
-
-def _obj_index(word: str, n_vertices: int) -> int:
-    """OBJ counts from 1, and from -1 backwards from the latest vertex; 0 stays invalid (-1)."""
-    index = int(word)
-    return index - 1 if index >= 0 else n_vertices + index
-
-
-def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray, Surface | None]:
     import trimesh  # noqa: PLC0415  (half a second that most callers need not pay)
 
+    # Without this trimesh splits a PLY's vertices at texture seams.
+    options: dict[str, Any] = {"fix_texture": False} if path.suffix.lower() == ".ply" else {}
     try:
-        loaded: Any = trimesh.load(path, process=False)
+        loaded: Any = trimesh.load(path, process=False, **options)
         if isinstance(loaded, trimesh.Scene):
             loaded = loaded.to_mesh()
-        return np.array(loaded.vertices), np.array(getattr(loaded, "faces", np.zeros((0, 3), np.int64)))
+        vertices = np.array(loaded.vertices)
+        faces = np.array(getattr(loaded, "faces", np.zeros((0, 3), np.int64)))
+        return vertices, faces, _texture(loaded, vertices, faces)
     except Exception as error:  # its readers raise whatever they meet
         raise InputError(f"{path}: cannot be read as {path.suffix.lower()} ({error})") from error
+
+
+def _texture(loaded: Any, vertices: np.ndarray, faces: np.ndarray) -> Surface | None:
+    """The texture coordinates of a PLY (a pair a vertex, or three pairs a face) or a GLB (a pair a vertex)."""
+    raw = loaded.metadata.get("_ply_raw") if hasattr(loaded, "metadata") else None
+    uvs = _ply_coordinates(raw, len(faces)) if raw else getattr(loaded.visual, "uv", None)
+    if uvs is None or not len(faces):
+        return None
+    corners = faces if len(uvs) == len(vertices) else np.arange(3 * len(faces)).reshape(-1, 3)
+    return Surface(
+        faces.astype(np.int64),
+        np.arange(len(vertices)),
+        uvs=np.asarray(uvs, np.float32),
+        uv_faces=corners.astype(np.int64),
+    )
+
+
+def _ply_coordinates(raw: dict[str, Any], n_faces: int) -> np.ndarray | None:
+    """(N, 2) where vertices have coordinates, (3 F, 2) where the triangles' corners do, else None."""
+    vertex, face = raw["vertex"]["data"], raw.get("face", {}).get("data")
+    for names in (("s", "t"), ("u", "v"), ("texture_u", "texture_v")):
+        if all(name in (vertex if isinstance(vertex, dict) else vertex.dtype.names) for name in names):
+            return np.stack([np.asarray(vertex[name]).reshape(-1) for name in names], axis=-1)
+    if face is None or "texcoord" not in (face if isinstance(face, dict) else face.dtype.names or ()):
+        return None
+    corners = np.asarray(face["texcoord"] if isinstance(face, dict) else face["texcoord"]["f1"])
+    return corners.reshape(-1, 2) if corners.size == 6 * n_faces else None

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from render import InputError
+from render import InputError, Mesh
 from render.files import written_whole
 from render.mesh import check_faces, check_finite
+from render.surface import Surface
 
 REQUIRED = (
     "template_vertices",
@@ -22,6 +23,7 @@ REQUIRED = (
     "fps",
 )
 SKINNING = ("poses", "trans", "joints_rest", "parents", "blend_weights", "joint_transforms")
+SURFACE = ("original_faces", "original_vertices", "uvs", "uv_faces", "face_materials")
 FLOATS = tuple(
     name for name in (*REQUIRED, *SKINNING) if name not in ("garment_faces", "body_faces", "fps", "parents")
 )
@@ -46,6 +48,12 @@ class Clip:
         blend_weights: (B, K) linear blend skinning weights of the body's vertices.
         joint_transforms: (T, K, 3, 4) rest-to-posed transforms that belong to `blend_weights`; where it is
             None, K = J and they follow from poses, trans, joints_rest and parents.
+        original_faces: (F', 3) int, the garment's triangles as its file had them; this and the four that follow are
+            a `render.Surface` (see `Clip.surface`), None where nothing of it is known.
+        original_vertices: (M,) int, for each vertex of the file the template's vertex.
+        uvs: (U, 2) float32 texture coordinates.
+        uv_faces: (F', 3) int, indices into `uvs` of the corners of `original_faces`, -1 for none.
+        face_materials: (F',) int, indices into the lines of `info["materials"]`; `info["mtl"]` describes them.
         info: free text such as source, licence and units, by name.
         name: what messages and tables call it.
     """
@@ -63,6 +71,11 @@ class Clip:
     parents: np.ndarray | None = None
     blend_weights: np.ndarray | None = None
     joint_transforms: np.ndarray | None = None
+    original_faces: np.ndarray | None = None
+    original_vertices: np.ndarray | None = None
+    uvs: np.ndarray | None = None
+    uv_faces: np.ndarray | None = None
+    face_materials: np.ndarray | None = None
     info: dict[str, str] = field(default_factory=dict)
     name: str = "clip"
 
@@ -75,6 +88,13 @@ class Clip:
                 check_finite(getattr(self, key), f"{self.name}: {key}")
         if self.parents is not None and (self.parents.dtype.kind not in "iu" or (self.parents < -1).any()):
             raise InputError(f"{self.name}: parents must be indices of joints, -1 for the root")
+        if (self.original_faces is None) != (self.original_vertices is None):
+            raise InputError(f"{self.name}: original_faces and original_vertices come together")
+        surface = self.surface
+        if surface is not None:
+            used = surface.vertices
+            if len(used) and not 0 <= used.min() <= used.max() < len(self.template_vertices):
+                raise InputError(f"{self.name}: original_vertices must be indices of the template's vertices")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise InputError(f"{self.name}: fps is {self.fps}; a positive number of frames a second expected")
 
@@ -107,6 +127,48 @@ class Clip:
     @property
     def n_frames(self) -> int:
         return len(self.body_vertices)
+
+    @property
+    def surface(self) -> Surface | None:
+        """Texture coordinates, materials and the numbering of the garment's file; None where nothing is known.
+
+        Raises:
+            InputError: arrays that do not fit each other.
+        """
+        if self.original_faces is None or self.original_vertices is None:
+            return None
+        try:
+            return Surface(
+                np.asarray(self.original_faces, np.int64),
+                np.asarray(self.original_vertices, np.int64),
+                uvs=self.uvs,
+                uv_faces=self.uv_faces,
+                face_materials=self.face_materials,
+                materials=tuple(self.info.get("materials", "").splitlines()),
+                mtl=self.info.get("mtl", ""),
+            )
+        except InputError as error:
+            raise InputError(f"{self.name}: {error}") from error
+
+    def with_surface(self, surface: Surface | None) -> Clip:
+        """The same clip with the look and numbering of the file that its template came from."""
+        if surface is None:
+            return self
+        text = {"materials": "\n".join(surface.materials), "mtl": surface.mtl}
+        return replace(
+            self,
+            original_faces=surface.faces,
+            original_vertices=surface.vertices,
+            uvs=surface.uvs,
+            uv_faces=surface.uv_faces,
+            face_materials=surface.face_materials,
+            info=self.info | {key: value for key, value in text.items() if value},
+        )
+
+    @property
+    def template(self) -> Mesh:
+        """The garment in the body's rest pose, with its surface."""
+        return Mesh(self.template_vertices, self.garment_faces, source=self.name, surface=self.surface)
 
     def slice(self, frames: slice) -> Clip:
         """The same clip with only the frames of `frames`."""
@@ -141,7 +203,7 @@ def load_clip(path: str | Path) -> Clip:
     if fps.size != 1 or fps.dtype.kind not in "fiu":
         raise InputError(f"{path}: fps must be one number, found {fps.dtype} of shape {fps.shape}")
     return Clip(
-        **{key: arrays.get(key) for key in (*REQUIRED[:-1], *SKINNING)},  # type: ignore[arg-type]
+        **{key: arrays.get(key) for key in (*REQUIRED[:-1], *SKINNING, *SURFACE)},  # type: ignore[arg-type]
         fps=float(fps.reshape(())),
         info=info,
         name=path.stem,
@@ -151,7 +213,9 @@ def load_clip(path: str | Path) -> Clip:
 def save_clip(path: str | Path, clip: Clip) -> Path:
     """Write a clip npz; the file appears whole or not at all."""
     arrays = {
-        key: getattr(clip, key) for key in (*REQUIRED[:-1], *SKINNING) if getattr(clip, key) is not None
+        key: getattr(clip, key)
+        for key in (*REQUIRED[:-1], *SKINNING, *SURFACE)
+        if getattr(clip, key) is not None
     }
     with written_whole(Path(path)) as temporary, temporary.open("wb") as file:
         np.savez_compressed(

@@ -15,7 +15,7 @@ import zarr
 from zarr.codecs import BloscCodec
 
 from imgtransfer.data import grid
-from imgtransfer.data.clip import SKINNING, Clip
+from imgtransfer.data.clip import SKINNING, SURFACE, Clip
 from render import InputError
 from render.files import written_whole_folder
 
@@ -23,7 +23,7 @@ FORMAT, SCHEMA_VERSION = "imgtransfer-dataset", 1
 FRAMES_PER_CHUNK = 32
 PER_FRAME = ("garment_vertices", "body_vertices", "poses", "trans", "joint_transforms")
 STATIC = ("template_vertices", "garment_faces", "body_rest", "body_faces")
-ARRAYS = tuple(dict.fromkeys((*STATIC, *PER_FRAME, *SKINNING)))  # every array of a clip, once
+ARRAYS = tuple(dict.fromkeys((*STATIC, *PER_FRAME, *SKINNING, *SURFACE)))  # every array of a clip, once
 
 
 @dataclass(frozen=True)
