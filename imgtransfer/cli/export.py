@@ -10,6 +10,7 @@ from render import InputError
 
 if TYPE_CHECKING:
     from imgtransfer.data.clip import Clip
+    from imgtransfer.data.mesh_output import MeshKind
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -17,7 +18,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = subparsers.add_parser(
         "export",
         help="write a clip as npz, animated GLB, OBJ or PLY files",
-        description="Vertex order never changes. The ending of --out chooses the form.",
+        description="Vertex order never changes: a garment imported with --weld comes out as its own file had it, with "
+        "its texture coordinates and materials. The ending of --out chooses the form.",
     )
     parser.add_argument("source", type=Path, help="data set, clip npz or folder of clip npz")
     parser.add_argument(
@@ -66,18 +68,17 @@ def run(args: argparse.Namespace) -> None:
     print(args.out)
 
 
-def _write_frames(folder: Path, clip: Clip, kind: str, step: int) -> None:
-    import trimesh  # noqa: PLC0415
-
+def _write_frames(folder: Path, clip: Clip, kind: MeshKind, step: int) -> None:
+    from imgtransfer.data.mesh_output import add_mesh_frames  # noqa: PLC0415
+    from render import Mesh  # noqa: PLC0415
     from render.files import written_whole_folder  # noqa: PLC0415
 
     if folder.exists():
         raise InputError(f"--out {folder}: exists already; give the name of a new folder")
-    meshes = {"body": (clip.body_vertices, clip.body_faces)}
+    meshes = {"body": (clip.body_vertices, Mesh(clip.body_rest, clip.body_faces))}
     if clip.garment_vertices is not None:
-        meshes["garment"] = (clip.garment_vertices, clip.garment_faces)
+        meshes["garment"] = (clip.garment_vertices, clip.template)
     with written_whole_folder(folder) as temporary:
-        for frame in range(0, clip.n_frames, step):
-            for name, (vertices, faces) in meshes.items():
-                mesh = trimesh.Trimesh(vertices[frame], faces, process=False)
-                mesh.export(temporary / f"{name}_{frame:04d}.{kind}")
+        for name, (vertices, template) in meshes.items():
+            numbers = range(0, clip.n_frames, step)
+            add_mesh_frames(temporary, vertices[::step], template, kind, name=name, numbers=numbers)

@@ -16,8 +16,10 @@ import numpy as np
 import torch
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.report.glb_look import Seamed, cut_at_seams, material, mime_type
 from render.files import written_whole
 from render.mesh import vertex_normals
+from render.surface import Surface
 
 MAX_TARGETS, MAX_BYTES = 36, 10_000_000
 _FLOAT, _UINT = 5126, 5125  # component types
@@ -27,6 +29,9 @@ COLOURS = {"body": (0.80, 0.66, 0.56, 1.0), "garment": (0.23, 0.42, 0.68, 1.0)} 
 
 def animated_glb(path: str | Path, clip: Clip, *, step: int | None = None) -> Path:
     """Write the clip as an animated GLB; the vertex order of both meshes is kept.
+
+    A garment that knows its file has the order, the texture coordinates, the materials and the textures of that file;
+    vertices on texture seams get copies behind all others, as glTF allows one coordinate a vertex only.
 
     Args:
         path: the file to write, ending in .glb.
@@ -41,6 +46,7 @@ def animated_glb(path: str | Path, clip: Clip, *, step: int | None = None) -> Pa
     meshes = {"body": (clip.body_vertices, clip.body_faces)}
     if clip.garment_vertices is not None:
         meshes["garment"] = (clip.garment_vertices, clip.garment_faces)
+    looks = {"garment": clip.surface}
     if step is None:
         bytes_per_frame = 24 * sum(vertices.shape[1] for vertices, _ in meshes.values())
         targets = max(1, min(MAX_TARGETS, MAX_BYTES // bytes_per_frame))
@@ -48,7 +54,7 @@ def animated_glb(path: str | Path, clip: Clip, *, step: int | None = None) -> Pa
     frames = np.arange(0, clip.n_frames, step)
     document = _Document()
     for name, (vertices, faces) in meshes.items():
-        document.add_mesh(name, vertices[frames], faces, frames / clip.fps)
+        document.add_mesh(name, vertices[frames], faces, frames / clip.fps, looks.get(name))
     path = Path(path)
     with written_whole(path) as temporary:
         temporary.write_bytes(document.to_bytes())
@@ -67,10 +73,29 @@ class _Document:
             **{key: [] for key in ("nodes", "meshes", "materials", "accessors", "bufferViews")},
         }
 
-    def add_mesh(self, name: str, vertices: np.ndarray, faces: np.ndarray, times: np.ndarray) -> None:
-        """Add a mesh (K, N, 3) that moves through its frames at `times` (K,) in seconds."""
+    def add_mesh(
+        self,
+        name: str,
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        times: np.ndarray,
+        surface: Surface | None = None,
+    ) -> None:
+        """Add a mesh (K, N, 3) that moves through its frames at `times` (K,) in seconds, with its look if known."""
         normals = vertex_normals(torch.from_numpy(vertices), torch.from_numpy(faces.astype(np.int64))).numpy()
         normals[(normals == 0).all(-1)] = (0, 1, 0)  # glTF wants unit vectors even where there is no area
+        seamed = (
+            cut_at_seams(surface)
+            if surface is not None
+            else Seamed(np.arange(vertices.shape[1]), faces, None)
+        )
+        vertices, normals = vertices[:, seamed.vertices], normals[:, seamed.vertices]
+        attributes = {
+            "POSITION": self._add(vertices[0], _VERTICES, bounds=True),
+            "NORMAL": self._add(normals[0], _VERTICES),
+        }
+        if seamed.uvs is not None:
+            attributes["TEXCOORD_0"] = self._add(seamed.uvs, _VERTICES)
         targets = [
             {
                 "POSITION": self._add(vertices[k] - vertices[0], _VERTICES, bounds=True),
@@ -78,22 +103,43 @@ class _Document:
             }
             for k in range(1, len(vertices))
         ]
-        primitive: dict[str, Any] = {
-            "attributes": {
-                "POSITION": self._add(vertices[0], _VERTICES, bounds=True),
-                "NORMAL": self._add(normals[0], _VERTICES),
-            },
-            "indices": self._add(faces.reshape(-1), _INDICES),
-            "material": self._append("materials", _material(name)),
-        }
-        mesh: dict[str, Any] = {"name": name, "primitives": [primitive]}
+        primitives: list[dict[str, Any]] = [
+            {"attributes": attributes, "indices": self._add(part.reshape(-1), _INDICES), "material": look}
+            | ({"targets": targets} if targets else {})
+            for part, look in self._parts(name, seamed.faces, surface)
+        ]
+        mesh: dict[str, Any] = {"name": name, "primitives": primitives}
         if targets:
-            primitive["targets"] = targets
             mesh["weights"] = [0.0] * len(targets)
         node = self._append("nodes", {"name": name, "mesh": self._append("meshes", mesh)})
         self.json["scenes"][0]["nodes"].append(node)
         if targets:
             self._animate(node, times)
+
+    def _parts(self, name: str, faces: np.ndarray, surface: Surface | None) -> list[tuple[np.ndarray, int]]:
+        """The faces of each material that has any, and its index."""
+        if surface is None or surface.face_materials is None:
+            return [(faces, self._append("materials", _material(name)))]
+        parts = []
+        for number, used in enumerate(surface.materials):
+            part = faces[surface.face_materials == number]
+            if len(part):
+                described, image = material(used, surface.mtl, COLOURS[name])
+                if image is not None:
+                    described["pbrMetallicRoughness"]["baseColorTexture"] = {"index": self._add_image(image)}
+                parts.append((part, self._append("materials", described)))
+        return parts
+
+    def _add_image(self, path: Path) -> int:
+        """Put an image file into the buffer, and return the index of its texture."""
+        content = path.read_bytes()
+        view = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(content)}
+        self.binary += content + b"\0" * (-len(content) % 4)  # what follows stays aligned
+        image = {"bufferView": self._append("bufferViews", view), "mimeType": mime_type(path)}
+        images, found = self.json.setdefault("images", []), self.json.setdefault("textures", [])
+        images.append(image)
+        found.append({"source": len(images) - 1})
+        return len(found) - 1
 
     def to_bytes(self) -> bytes:
         """The GLB container: header, JSON chunk, binary chunk."""
@@ -119,16 +165,16 @@ class _Document:
         channels.append({"sampler": len(samplers) - 1, "target": {"node": node, "path": "weights"}})
 
     def _add(self, values: np.ndarray, target: int | None, *, bounds: bool = False) -> int:
-        """Append values (n,) or (n, 3) to the buffer, and return the index of their accessor."""
+        """Append values (n,), (n, 2) or (n, 3) to the buffer, and return the index of their accessor."""
         whole = np.issubdtype(values.dtype, np.integer)
         stored = np.ascontiguousarray(values, "<u4" if whole else "<f4")
         view = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": stored.nbytes}
-        self.binary += stored.tobytes()  # four-byte numbers only, so every offset is aligned
+        self.binary += stored.tobytes()  # four-byte numbers, so every offset is aligned
         accessor: dict[str, Any] = {
             "bufferView": self._append("bufferViews", view if target is None else {**view, "target": target}),
             "componentType": _UINT if whole else _FLOAT,
             "count": len(stored),
-            "type": "SCALAR" if stored.ndim == 1 else "VEC3",
+            "type": "SCALAR" if stored.ndim == 1 else f"VEC{stored.shape[1]}",
         }
         if bounds:
             for key, value in (("min", stored.min(axis=0)), ("max", stored.max(axis=0))):

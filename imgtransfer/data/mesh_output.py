@@ -1,0 +1,140 @@
+"""Moved garments as one mesh file a frame, with the texture coordinates, materials and numbering of their template."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from render import InputError, Mesh
+from render.files import written_whole_folder
+from render.surface import Surface, plain_surface
+
+MeshKind = Literal["obj", "ply"]
+LIBRARY = "materials.mtl"
+
+
+def save_mesh_frames(
+    folder: Path,
+    vertices: np.ndarray,
+    template: Mesh,
+    kind: MeshKind,
+    *,
+    name: str = "frame",
+    numbers: Iterable[int] | None = None,
+) -> None:
+    """Write one mesh file a frame, `<name>_0000.obj` and so on; the folder is replaced as a whole.
+
+    Args:
+        folder: where the files go.
+        vertices: (T, N, 3) metres, in the template's vertex order.
+        template: N vertices; with a surface, the files have the vertices, triangles, texture coordinates and
+            materials of the file that the template came from, in that file's order.
+        kind: "obj" (texture coordinates by `vt`, materials by a library beside the files) or "ply" (coordinates by
+            `s` and `t` a vertex, or by `texcoord` a face where a vertex has several; PLY knows no materials).
+        name: what the file names begin with.
+        numbers: of the frames, for the file names; 0, 1, 2 ... by default.
+
+    Raises:
+        InputError: another number of vertices than the template has.
+    """
+    with written_whole_folder(folder) as temporary:
+        add_mesh_frames(temporary, vertices, template, kind, name=name, numbers=numbers)
+
+
+def add_mesh_frames(
+    folder: Path,
+    vertices: np.ndarray,
+    template: Mesh,
+    kind: MeshKind,
+    *,
+    name: str = "frame",
+    numbers: Iterable[int] | None = None,
+) -> None:
+    """`save_mesh_frames` into a folder that is there already and keeps what it holds."""
+    if vertices.ndim != 3 or vertices.shape[1:] != template.vertices.shape:
+        wanted = f"(frames, {len(template.vertices)}, 3)"
+        raise InputError(
+            f"{template.source}: moved vertices must have shape {wanted}, found {vertices.shape}"
+        )
+    surface = template.surface or plain_surface(template.faces, len(template.vertices))
+    writer = _Obj(surface) if kind == "obj" else _Ply(surface)
+    if kind == "obj" and surface.mtl:
+        (folder / LIBRARY).write_text(surface.mtl)
+    moved = surface.of_file(vertices)
+    for number, frame in zip(numbers if numbers is not None else range(len(moved)), moved, strict=True):
+        (folder / f"{name}_{number:04d}.{kind}").write_bytes(writer.to_bytes(frame))
+
+
+class _Obj:
+    """Writes a moving mesh as OBJ; all but the `v` lines is made once."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.head = f"mtllib {LIBRARY}\n" if surface.mtl else ""
+        uvs = surface.uvs.tolist() if surface.uvs is not None else []
+        lines = [f"vt {u:.8g} {v:.8g}\n" for u, v in uvs]
+        corners = [[str(i) for i in face] for face in (surface.faces + 1).tolist()]
+        if surface.uv_faces is not None:
+            for face, pairs in zip(corners, (surface.uv_faces + 1).tolist(), strict=True):
+                face[:] = [f"{i}/{uv}" if uv else i for i, uv in zip(face, pairs, strict=True)]
+        used, current = surface.face_materials, -1
+        for number, face in enumerate(corners):
+            if used is not None and used[number] != current:
+                current = int(used[number])
+                lines.append(f"usemtl {surface.materials[current]}\n")
+            lines.append(f"f {' '.join(face)}\n")
+        self.tail = "".join(lines)
+
+    def to_bytes(self, vertices: np.ndarray) -> bytes:
+        """One frame, vertices (M, 3)."""
+        moved = "".join(f"v {x:.8g} {y:.8g} {z:.8g}\n" for x, y, z in vertices.tolist())
+        return (self.head + moved + self.tail).encode()
+
+
+class _Ply:
+    """Writes a moving mesh as binary PLY; the faces are made once."""
+
+    def __init__(self, surface: Surface) -> None:
+        uvs, uv_faces = surface.uvs, surface.uv_faces
+        self.vertex_uvs = _one_uv_a_vertex(surface)
+        by_face = uvs is not None and uv_faces is not None and self.vertex_uvs is None
+        fields: list[tuple] = [("n", "u1"), ("indices", "<i4", 3)]
+        fields += [("m", "u1"), ("texcoord", "<f4", 6)] if by_face else []
+        faces = np.zeros(len(surface.faces), fields)
+        faces["n"], faces["indices"] = 3, surface.faces
+        if by_face and uvs is not None and uv_faces is not None:
+            corners = np.where((uv_faces >= 0)[..., None], uvs[np.maximum(uv_faces, 0)], 0)
+            faces["m"], faces["texcoord"] = 6, corners.reshape(-1, 6)
+        head = ["ply", "format binary_little_endian 1.0"]
+        head += [f"comment TextureFile {name}" for name in textures(surface.mtl)]
+        head += [f"element vertex {len(surface.vertices)}", *(f"property float {axis}" for axis in "xyz")]
+        head += ["property float s", "property float t"] if self.vertex_uvs is not None else []
+        head += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        head += ["property list uchar float texcoord"] if by_face else []
+        self.head = "\n".join([*head, "end_header", ""]).encode()
+        self.faces = faces.tobytes()
+
+    def to_bytes(self, vertices: np.ndarray) -> bytes:
+        """One frame, vertices (M, 3)."""
+        columns = vertices if self.vertex_uvs is None else np.concatenate([vertices, self.vertex_uvs], axis=1)
+        return self.head + np.ascontiguousarray(columns, "<f4").tobytes() + self.faces
+
+
+def _one_uv_a_vertex(surface: Surface) -> np.ndarray | None:
+    """(M, 2) where no vertex has two texture coordinates, else None."""
+    if surface.uvs is None or surface.uv_faces is None:
+        return None
+    with_uv = surface.uv_faces.reshape(-1) >= 0
+    corner, uv = surface.faces.reshape(-1)[with_uv], surface.uv_faces.reshape(-1)[with_uv]
+    uvs = np.zeros((len(surface.vertices), 2), np.float32)
+    uvs[corner] = surface.uvs[uv]
+    return uvs if np.array_equal(uvs[corner], surface.uvs[uv]) else None
+
+
+def textures(mtl: str) -> list[str]:
+    """The images that a material library uses for colour, each once."""
+    found = re.findall(r"^\s*map_Kd\s+(?:.*\s)?(\S+)\s*$", mtl, flags=re.MULTILINE)
+    return list(dict.fromkeys(found))
