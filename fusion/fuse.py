@@ -17,6 +17,7 @@ from fusion.config import FusionConfig
 from fusion.initialise import InitialWeights
 from fusion.inputs import Array, FusionInputs
 from fusion.sdf import BodySdf
+from fusion.stopwatch import Stopwatch
 from fusion.topology import Topology
 from render.imager import TemplateImager
 from render.mesh import safe_normalize
@@ -32,7 +33,8 @@ class FusionResult:
         initial: (T, N, 3) float32, metres, before any optimisation.
         report: plain numbers by name: `terms` at the start and end of each stage (mean over frames,
             unweighted, lengths in metres), `unseen_percent` of the vertices, `penetration_percent` before and
-            after the clean-up (where there is a body), `seconds`, `seconds_per_frame`.
+            after the clean-up (where there is a body), `seconds`, `seconds_per_frame`, `stage_seconds` (of all
+            frames together: setup, start, edge, normal, clearance).
     """
 
     vertices: np.ndarray
@@ -84,14 +86,17 @@ def fuse(
     )
     started = time.perf_counter()
     pieces = []
+    watch = Stopwatch(torch.device(device))
     with _one_thread():
-        solver = _Solver(imager, inputs, config, torch.device(device))
+        with watch.stage("setup"):
+            solver = _Solver(imager, inputs, config, torch.device(device))
         for first in range(0, inputs.n_frames, config.batch_frames):
-            pieces.append(solver.solve(slice(first, first + config.batch_frames)))
+            pieces.append(solver.solve(slice(first, first + config.batch_frames), watch))
             if progress is not None:
                 progress(len(pieces[-1].vertices))
     vertices, start = (np.concatenate([getattr(p, key) for p in pieces]) for key in ("vertices", "initial"))
     report = _report(pieces, time.perf_counter() - started)
+    report["stage_seconds"] = watch.seconds
     report["unseen_percent"] = 100 * float(1 - imager.visible.any(axis=0).mean())
     return FusionResult(vertices, start, report)
 
@@ -143,38 +148,42 @@ class _Solver:
                 BodySdf(faces, n, device=device, sign="winding"),
             )
 
-    def solve(self, frames: slice) -> _Piece:
+    def solve(self, frames: slice, watch: Stopwatch) -> _Piece:
         """Both stages and the clean-up of some frames."""
         stages: dict[str, Minimum] = {}
-        initial = vertices = self._start(frames)
+        with watch.stage("start"):
+            initial = vertices = self._start(frames)
+            target = self._target(frames)
+            for sdf in self._sdfs or ():
+                assert self._inputs.body_vertices is not None
+                sdf.update(self._inputs.body_vertices[frames])
         if self._weights is not None and self._config.edge_steps:
-            stages["edge"] = edge_stage(vertices, self._topology, self._seen, self._config)
+            with watch.stage("edge"):
+                stages["edge"] = edge_stage(vertices, self._topology, self._seen, self._config)
             vertices = stages["edge"].vertices
-        target = self._target(frames)
-        for sdf in self._sdfs or ():
-            assert self._inputs.body_vertices is not None
-            sdf.update(self._inputs.body_vertices[frames])
         if self._config.normal_steps and (target is not None or self._sdfs is not None):
-            stages["normal"] = normal_stage(
-                vertices,
-                self._topology,
-                self._config,
-                pixels=self._pixels,
-                target=target,
-                sdf=self._sdfs[0] if self._sdfs else None,
-            )
+            with watch.stage("normal"):
+                stages["normal"] = normal_stage(
+                    vertices,
+                    self._topology,
+                    self._config,
+                    pixels=self._pixels,
+                    target=target,
+                    sdf=self._sdfs[0] if self._sdfs else None,
+                )
             vertices = stages["normal"].vertices
         inside = None
         if self._sdfs is not None:
-            before = self._inside(vertices)
-            vertices = clear_body(
-                vertices,
-                self._sdfs[1],
-                self._topology,
-                clearance_m=self._config.clearance_m,
-                rounds=self._config.clearance_rounds,
-            )
-            inside = before, self._inside(vertices)
+            with watch.stage("clearance"):
+                before = self._inside(vertices)
+                vertices = clear_body(
+                    vertices,
+                    self._sdfs[1],
+                    self._topology,
+                    clearance_m=self._config.clearance_m,
+                    rounds=self._config.clearance_rounds,
+                )
+                inside = before, self._inside(vertices)
         return _Piece(_array(vertices), _array(initial), stages, inside)
 
     def _start(self, frames: slice) -> torch.Tensor:
