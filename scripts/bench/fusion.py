@@ -1,217 +1,289 @@
 #!/usr/bin/env python
-"""Maps to vertices: where the time goes, and each choice made for speed against its alternative.
+"""Maps to vertices: both solvers against each other and against the truth, on a T-shirt and a dress.
 
-A tube of cloth bends, twists and wrinkles (1 cm) about a body of 13,776 faces; its true maps of 128 x 128 are fused
-with the paper's schedule, body collision and clean-up included. One torch thread, but for `two_threads`.
+The garments (scripts/bench/cloth.py) are bent, twisted and folded by a centimetre about a body of 13,776 faces, with
+edges as long as cloth keeps them. Their position maps of two views, 256 x 256, are blurred; their normal maps are
+turned by a field that is smooth over as many pixels, 3 degrees (root mean square). What neither view sees stays unseen.
+Everything runs in one process on at most two cores.
 
-  seconds_*         a frame, by stage; seconds_setup is once (matrices and search structures)
-  ratio_a_to_b      how many times as long a takes as b
-  sdf_*             one body and one frame of points; "winding" and "normal" are two ways to tell inside from outside
-  difference_mm_*   mean distance between the vertices of the two results
-  penetration_*     per cent of vertices inside the body: from the position maps, after both stages, after the clean-up
+  speedup           seconds of adam (100 + 100 steps) / seconds of local_global, whole calls of `fuse` with the body
+  rmse_*, normal_*  against the truth: mean distance of the vertices, mean angle of the vertex normals; _start is what
+                    the maps gave; ratios are local_global / adam
+  loss_*            weighted sum of the terms at the end of the stage, before the clean-up
+  penetration_*     per cent of the vertices inside the body: from the maps, and after everything (local_global)
+  sdf_ms            distance of as many points as the garment has vertices to one body, refit included
+  *_seconds_STAGE   a frame; setup is once a template
+  scaling           seconds a frame of 2 frames, set-up included, and the exponent of a power law through them; the
+                    adam schedule's time is that of a tenth of its steps, times ten
 """
 
 from __future__ import annotations
 
-import importlib
+import os
 import sys
-import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
-from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 import torch
+from scipy.ndimage import gaussian_filter
 
 # This folder's own fusion.py and render.py must not hide the packages.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from fusion import BodySdf, FusionConfig, FusionResult, Topology, fuse
-from fusion.topology import vertices_first
+from fusion import BodySdf, FusionConfig, FusionResult, fuse
+from fusion.adam import CENTIMETRES
 from render import Mesh, TemplateImager, vertex_normals
-from scripts.bench import shapes
+from render.mesh import safe_normalize
+from scripts.bench import cloth
 from scripts.bench.measuring import Results, command, interleaved
 
-_MODULE = importlib.import_module("fusion.fuse")  # `fusion.fuse` is the function of that name
-STAGES = {
-    "setup": (_MODULE._Solver, "__init__"),
-    "start": (_MODULE._Solver, "_start"),
-    "edge": (_MODULE, "edge_stage"),
-    "normal": (_MODULE, "normal_stage"),
-    "clearance": (_MODULE, "clear_body"),
-}
+SOLVERS = ("local_global", "adam")
+GARMENTS = {"tshirt": (cloth.TSHIRT, 4450), "dress": (cloth.DRESS, 12150)}
+SIZE, BLUR = 256, 4.0  # pixels; standard deviation of the blur and of the normals' noise
+NORMAL_DEGREES = 3.0
+COUNTS, ADAM_MOST = (1000, 3000, 10000, 30000, 100000), 30000
+GPU_BATCHES = (1, 32, 256)
+CORES = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A garment on its wearer with what a network might have predicted: T frames, metres."""
+
+    imager: TemplateImager
+    truth: np.ndarray  # (T, N, 3)
+    positions: torch.Tensor  # (T, S, H, W, 3)
+    normals: torch.Tensor
+    body: Mesh
+    bodies: np.ndarray  # (T, B, 3)
+
+    def fuse(self, config: FusionConfig, frames: int | None = None, device: str = "cpu") -> FusionResult:
+        """The first `frames` frames, positions, normals and body."""
+        return fuse(
+            self.imager,
+            positions=self.positions[:frames],
+            normals=self.normals[:frames],
+            body_vertices=self.bodies[:frames],
+            body_faces=self.body.faces,
+            config=config,
+            device=device,
+        )
 
 
 def measure(quick: bool) -> Results:
-    """All numbers, one section a template."""
-    if quick:
-        config = FusionConfig(edge_steps=2, normal_steps=2)
-        mesh, body = shapes.garment(20, 12), shapes.body(20, 12)
-        return {"tube_0.2k": _template(mesh, body, (32, 32), config, frames=1, rounds=1)}
-    body = shapes.body(*shapes.SMPL_SIZED)
-    return {
-        name: _template(shapes.garment(*shape), body, (128, 128), FusionConfig(), frames=4, rounds=3)
-        for name, shape in {"tube_4k": shapes.SMALL, "tube_12k": shapes.LARGE}.items()
-    }
+    """All numbers: a section a garment, one for the scaling, and one for each GPU measurement where there is a GPU."""
+    with _cores(CORES):
+        if quick:
+            return {
+                **{
+                    name: garment(scene(cut, 300, frames=1, size=48), rounds=1, steps=2)
+                    for name, (cut, _) in GARMENTS.items()
+                },
+                "scaling": scaling((200, 400), size=32, steps=2),
+            }
+        results: Results = {}
+        for name, (cut, n_vertices) in GARMENTS.items():
+            made = scene(cut, n_vertices, frames=8)
+            results[name] = garment(made, rounds=2)
+            if torch.cuda.is_available():
+                results[f"{name}_gpu"] = on_gpu(made)
+        results["scaling"] = scaling(COUNTS)
+        return results
 
 
-def _template(
-    mesh: Mesh, body: Mesh, size: tuple[int, int], config: FusionConfig, *, frames: int, rounds: int
-) -> dict[str, float]:
-    imager = TemplateImager.build(mesh, size=size)
-    truth = torch.from_numpy(shapes.wrinkled(mesh, frames))
-    bodies = shapes.moved(body.vertices, frames)
-    return {
+def scene(cut: cloth.Cut, n_vertices: int, *, frames: int, size: int = SIZE, rounds: int = 200) -> Scene:
+    """Truth and disturbed maps; `rounds` of the truth's own solution, which cost most for large garments."""
+    mesh, body = cloth.garment(cut, n_vertices), cloth.wearer()
+    imager = TemplateImager.build(mesh, size=(size, size))
+    truth = cloth.worn(mesh, body, frames, rounds=rounds)
+    points = torch.from_numpy(truth)
+    positions, normals = imager.operator(points), imager.operator(vertex_normals(points, imager.faces))
+    sigma = BLUR * size / SIZE
+    bodies = cloth.moved(body.vertices, frames).astype(np.float32)
+    return Scene(imager, truth, blurred(positions, imager.mask, sigma), turned(normals, sigma), body, bodies)
+
+
+def blurred(images: torch.Tensor, mask: torch.Tensor, sigma: float) -> torch.Tensor:
+    """Images (T, S, H, W, C) under a Gaussian of `sigma` pixels that does not mix in the background."""
+    share = gaussian_filter(mask.numpy().astype(np.float32), (0, sigma, sigma))[..., None]
+    mixed = gaussian_filter(images.numpy(), (0, 0, sigma, sigma, 0)) / np.maximum(share, 1e-6)
+    return torch.from_numpy(np.where(mask.numpy()[..., None], mixed, 0).astype(np.float32))
+
+
+def turned(normals: torch.Tensor, sigma: float, degrees: float = NORMAL_DEGREES) -> torch.Tensor:
+    """Normals (T, S, H, W, 3) turned by noise that is smooth over `sigma` pixels, `degrees` root mean square."""
+    noise = gaussian_filter(
+        np.random.default_rng(0).standard_normal(normals.shape), (0, 0, sigma, sigma, 0)
+    ).astype(np.float32)
+    noise /= noise.std() * np.sqrt(2)  # two of the three directions turn a normal
+    unit = safe_normalize(normals)
+    found = safe_normalize(unit + np.tan(np.radians(degrees)) * torch.from_numpy(noise))
+    return torch.where((unit != 0).any(-1, keepdim=True), found, 0.0)
+
+
+def garment(made: Scene, *, rounds: int, steps: int = 100) -> dict[str, float]:
+    """One garment's section."""
+    configs = {name: solver_config(name, steps=steps) for name in SOLVERS}
+    results: dict[str, FusionResult] = {}
+
+    def fused(name: str) -> None:
+        results[name] = made.fuse(configs[name])
+
+    times = interleaved({name: lambda name=name: fused(name) for name in SOLVERS}, rounds=rounds)  # type: ignore[misc]
+    frames, mesh = len(made.truth), made.imager.mesh
+    start = results["adam"].initial
+    found = {
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),
-        "body_faces": len(body.faces),
-        **_whole(imager, truth, body.faces, bodies, config, rounds=rounds),
-        **_normals(mesh, truth, rounds),
-        **_sdf(truth[-1], body, bodies, rounds),
+        "body_faces": len(made.body.faces),
+        "unseen_percent": results["adam"].report["unseen_percent"],
+        "truth_edge_strain_percent": cloth.edge_strain_percent(mesh, made.truth),
+        "speedup": times.ratio("adam", "local_global"),
+        "rmse_mm_start": rmse_mm(start, made),
+        "normal_degrees_start": normal_degrees(start, made),
+        "penetration_percent_truth": penetration_percent(made.truth, made),
+        "penetration_percent_before": penetration_percent(start, made),
+        "penetration_percent_after": penetration_percent(results["local_global"].vertices, made),
+        "sdf_ms": sdf_ms(made, rounds),
     }
-
-
-def _whole(
-    imager: TemplateImager,
-    truth: torch.Tensor,
-    body_faces: np.ndarray,
-    bodies: np.ndarray,
-    config: FusionConfig,
-    *,
-    rounds: int,
-) -> dict[str, float]:
-    """`fuse` from end to end: by stage, with two threads, with a distance query at every step."""
-    normals = imager.operator(vertex_normals(truth, imager.faces))
-    positions = imager.operator(truth)
-    results: dict[str, FusionResult] = {}
-    spent: dict[str, list[float]] = defaultdict(list)
-
-    def fused(name: str, *, threads: int = 1, sdf_every_steps: int = config.sdf_every_steps) -> None:
-        with ExitStack() as stack:
-            stack.enter_context(patch.object(_MODULE, "_one_thread", lambda: _threads(threads)))
-            if name == "ours":
-                for stage, (owner, attribute) in STAGES.items():
-                    clock = _clocked(getattr(owner, attribute), spent[stage])
-                    stack.enter_context(patch.object(owner, attribute, clock))
-            results[name] = fuse(
-                imager,
-                positions=positions,
-                normals=normals,
-                body_vertices=bodies,
-                body_faces=body_faces,
-                config=config.model_copy(update={"sdf_every_steps": sdf_every_steps}),
-            )
-
-    times = interleaved(
-        {
-            "ours": lambda: fused("ours"),
-            "two_threads": lambda: fused("two_threads", threads=2),
-            "every_step": lambda: fused("every_step", sdf_every_steps=1),
-        },
-        rounds=rounds,
-    )
-    frames = len(truth)
-    # The first call of each stage is the warm-up.
-    found = {
-        f"seconds_{stage}": median(spent[stage][1:]) / (1 if stage == "setup" else frames) for stage in STAGES
-    }
-    sdf = BodySdf(body_faces, bodies.shape[1])
-    sdf.update(bodies)
-    initial = torch.from_numpy(results["ours"].initial)
-    inside = results["ours"].report["penetration_percent"]
-    apart = results["every_step"].vertices - results["ours"].vertices
-    return found | {
-        "seconds_per_frame": times.s("ours") / frames,
-        "ratio_two_threads_to_one": times.ratio("two_threads", "ours"),
-        "ratio_sdf_every_step_to_every_fifth": times.ratio("every_step", "ours"),
-        "penetration_percent_start": 100 * float((sdf.query(initial).distance < 0).float().mean()),
-        "penetration_percent_optimised": inside["before_clearance"],
-        "penetration_percent_cleared": inside["after"],
-        "difference_mm_sdf_every_step": 1000 * float(np.linalg.norm(apart, axis=-1).mean()),
-    }
-
-
-def _normals(mesh: Mesh, truth: torch.Tensor, rounds: int) -> dict[str, float]:
-    """Vertex normals and their gradient: as sparse products, and by gathering and `index_add`."""
-    topology, faces = Topology(mesh), torch.from_numpy(mesh.faces)
-    upstream = torch.rand_like(truth)
-    ours = vertices_first(truth.clone()).requires_grad_()
-    theirs = truth.clone().requires_grad_()
-
-    def gradient(vertices: torch.Tensor, normals: Callable[[torch.Tensor], torch.Tensor]) -> None:
-        torch.autograd.grad(normals(vertices), vertices, upstream)
-
-    times = interleaved(
-        {
-            "topology": lambda: gradient(ours, topology.normals),
-            "topology_frames_first": lambda: gradient(theirs, topology.normals),
-            "vertex_normals": lambda: gradient(theirs, lambda vertices: vertex_normals(vertices, faces)),
-        },
-        rounds=3 * rounds,
-    )
-    return {
-        "topology_normals_ms": times.ms("topology") / len(truth),
-        "ratio_vertex_normals_to_topology": times.ratio("vertex_normals", "topology"),
-        "ratio_frames_first_to_vertices_first": times.ratio("topology_frames_first", "topology"),
-    }
-
-
-def _sdf(points: torch.Tensor, body: Mesh, bodies: np.ndarray, rounds: int) -> dict[str, float]:
-    """Distance queries and what moving the body costs, both signs; refitting against building anew."""
-    pose = bodies[-1]
-    winding, normal = _made("winding", body, pose), _made("normal", body, pose)
-    times = interleaved(
-        {
-            "query_winding": lambda: winding.query(points),
-            "query_normal": lambda: normal.query(points),
-            "refit_winding": lambda: winding.update(pose),
-            "refit_normal": lambda: normal.update(pose),
-            "build_winding": lambda: _made("winding", body, pose),
-            "build_normal": lambda: _made("normal", body, pose),
-        },
-        rounds=3 * rounds,
-    )
-    found: dict[str, float] = {}
-    for sign in ("winding", "normal"):
-        found[f"sdf_ms_{sign}"] = times.ms(f"query_{sign}") + times.ms(f"refit_{sign}")
-        found[f"sdf_query_ms_{sign}"] = times.ms(f"query_{sign}")
-        found[f"sdf_refit_ms_{sign}"] = times.ms(f"refit_{sign}")
-        found[f"ratio_build_to_refit_{sign}"] = times.ratio(f"build_{sign}", f"refit_{sign}")
-    found["ratio_sdf_winding_to_normal"] = times.ratio("query_winding", "query_normal")
+    for name, result in results.items():
+        found[f"{name}_seconds"] = times.s(name) / frames
+        found[f"{name}_rmse_mm"] = rmse_mm(result.vertices, made)
+        found[f"{name}_normal_degrees"] = normal_degrees(result.vertices, made)
+        found[f"{name}_penetration_percent"] = penetration_percent(result.vertices, made)
+        found |= {f"{name}_loss_{key}": value for key, value in losses(result, configs[name]).items()}
+        for stage, seconds in result.report["stage_seconds"].items():
+            found[f"{name}_seconds_{stage}"] = seconds / (1 if stage == "setup" else frames)
+    for key, measured in (("rmse_ratio", "rmse_mm"), ("normal_error_ratio", "normal_degrees")):
+        found[key] = found[f"local_global_{measured}"] / found[f"adam_{measured}"]
     return found
 
 
-def _made(sign: Any, body: Mesh, pose: np.ndarray) -> BodySdf:
-    sdf = BodySdf(body.faces, len(body.vertices), sign=sign)
-    sdf.update(pose)
-    return sdf
+def solver_config(solver: str, *, steps: int = 100, batch: int = 8) -> FusionConfig:
+    """The defaults with this solver; `steps` for both stages of adam."""
+    given = {"solver": solver} if "solver" in FusionConfig.model_fields else {}
+    if solver == "adam":
+        given |= {"edge_steps": steps, "normal_steps": steps}
+    return FusionConfig.model_validate(given | {"batch_frames": batch})
 
 
-def _clocked(call: Callable[..., Any], spent: list[float]) -> Callable[..., Any]:
-    """The same function, adding the seconds of each call to `spent`."""
+def rmse_mm(vertices: np.ndarray, made: Scene) -> float:
+    """Mean over frames and vertices of the distance to the truth."""
+    return 1000 * float(np.linalg.norm(vertices - made.truth, axis=-1).mean())
 
-    def clocked(*arguments: Any, **named: Any) -> Any:
-        started = time.perf_counter()
-        result = call(*arguments, **named)
-        spent.append(time.perf_counter() - started)
-        return result
 
-    return clocked
+def normal_degrees(vertices: np.ndarray, made: Scene) -> float:
+    """Mean over frames and vertices of the angle between vertex normal and true vertex normal."""
+    found, true = (
+        vertex_normals(torch.from_numpy(points).double(), made.imager.faces)
+        for points in (vertices, made.truth)
+    )
+    return float(torch.rad2deg(torch.acos((found * true).sum(-1).clamp(-1, 1))).mean())
+
+
+def penetration_percent(vertices: np.ndarray, made: Scene) -> float:
+    """Share of the vertices inside the body."""
+    sdf = BodySdf(made.body.faces, made.bodies.shape[1])
+    sdf.update(made.bodies)
+    return 100 * float((sdf.query(torch.from_numpy(vertices)).distance < 0).double().mean())
+
+
+def losses(result: FusionResult, config: FusionConfig) -> dict[str, float]:
+    """What each stage minimises, at its end: the weighted sum of the terms in its report (lengths in cm)."""
+    square = CENTIMETRES**2
+    weights = {
+        "edge": {"edge_length_m2": square, "displacement_m2": config.weight_displacement * square},
+        "normal": {
+            "normal_rendering": 1.0,
+            "normal_consistency": config.weight_consistency,
+            "edge_length_m2": config.weight_edge * square,
+            "displacement_m2": config.weight_displacement * square,
+            "collision_m": config.weight_collision * CENTIMETRES,
+        },
+    }
+    return {
+        stage: sum(weight * result.report["terms"][stage]["end"][term] for term, weight in terms.items())
+        for stage, terms in weights.items()
+    }
+
+
+def sdf_ms(made: Scene, rounds: int) -> float:
+    """Milliseconds to move the body and ask for the distance of one frame's vertices."""
+    sdf = BodySdf(made.body.faces, made.bodies.shape[1])
+    points = torch.from_numpy(made.truth[-1:])
+
+    def moved_and_asked() -> None:
+        sdf.update(made.bodies[-1:])
+        sdf.query(points)
+
+    return interleaved({"sdf": moved_and_asked}, rounds=3 * rounds).ms("sdf")
+
+
+def scaling(counts: tuple[int, ...], *, size: int = SIZE, steps: int = 10) -> dict[str, float]:
+    """Seconds a frame against the number of vertices, and the exponent of a straight line in the logarithms."""
+    found: dict[str, float] = {}
+    spent: dict[str, list[tuple[float, float]]] = {name: [] for name in SOLVERS}
+    for count in counts:
+        made = scene(cloth.TSHIRT, count, frames=2, size=size, rounds=20)
+        n = len(made.imager.mesh.vertices)
+        some, none, whole = (
+            solver_config("adam", steps=steps),
+            solver_config("adam", steps=0),
+            solver_config("local_global"),
+        )
+        calls = {"local_global": lambda made=made, whole=whole: made.fuse(whole)}  # type: ignore[misc]
+        if count <= ADAM_MOST:
+            calls["some"] = lambda made=made, some=some: made.fuse(some)  # type: ignore[misc]
+            calls["none"] = lambda made=made, none=none: made.fuse(none)  # type: ignore[misc]
+        times = interleaved(calls, rounds=1)
+        spent["local_global"].append((n, times.s("local_global") / 2))
+        if count <= ADAM_MOST:
+            per_step = max(times.s("some") - times.s("none"), 0.0) / steps
+            spent["adam"].append((n, (times.s("none") + 100 * per_step) / 2))
+    for name, measured in spent.items():
+        found |= {f"{name}_seconds_{n}": seconds for n, seconds in measured}
+        exponent = np.polyfit(*np.log(np.array(measured)).T, 1)[0]
+        found[f"{name}_exponent"] = float(exponent)
+    return found
+
+
+def on_gpu(made: Scene) -> dict[str, float]:
+    """Frames a second on the GPU, by solver and batch; every call with set-up, transfers and body."""
+    found: dict[str, float] = {}
+    for batch in GPU_BATCHES:
+        order = torch.arange(batch) % len(made.truth)
+        many = Scene(
+            made.imager,
+            made.truth[order],
+            made.positions[order],
+            made.normals[order],
+            made.body,
+            made.bodies[order],
+        )
+        configs = {name: solver_config(name, batch=batch) for name in SOLVERS}
+        calls = {
+            name: lambda many=many, c=config: many.fuse(c, device="cuda") for name, config in configs.items()
+        }  # type: ignore[misc]
+        times = interleaved(calls, rounds=2)
+        found |= {f"{name}_frames_per_second_{batch}": batch / times.s(name) for name in SOLVERS}
+    return found
 
 
 @contextmanager
-def _threads(number: int) -> Iterator[None]:
-    """Torch with so many threads inside the block."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(number)
+def _cores(most: int) -> Iterator[None]:
+    """At most so many cores for this process inside the block, where the system can limit them."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(before)[:most])
     try:
         yield
     finally:
-        torch.set_num_threads(before)
+        os.sched_setaffinity(0, before)
 
 
 if __name__ == "__main__":

@@ -28,14 +28,8 @@ def body(around: int, along: int) -> Mesh:
     levels = np.linspace(-half, half, along + 2)[1:-1]
     profile = np.sqrt(1 - (levels / half) ** 12)
     rings = _rings(around, levels, profile, WIDTH - CLEARANCE, DEPTH - CLEARANCE)
-    n, here = len(rings), np.arange(around)
-    following, top = (here + 1) % around, n - around
-    ends = [
-        np.stack([np.full(around, n), following, here], axis=1),
-        np.stack([np.full(around, n + 1), top + here, top + following], axis=1),
-    ]
     vertices = np.concatenate([rings, [[0, -half, 0], [0, half, 0]]])
-    return Mesh(vertices, np.concatenate([_sides(around, along), *ends]), source=f"body of {n + 2} vertices")
+    return Mesh(vertices, closed_sides(around, along), source=f"body of {len(vertices)} vertices")
 
 
 def moved(points: np.ndarray, frames: int) -> np.ndarray:
@@ -64,6 +58,17 @@ def wrinkled(mesh: Mesh, frames: int) -> np.ndarray:
     outward = np.stack([x / WIDTH**2, np.zeros_like(x), z / DEPTH**2], axis=1)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     return moved(mesh.vertices + folds * outward, frames)
+
+
+def closed_sides(around: int, along: int) -> np.ndarray:
+    """(2 · around · along, 3) faces of a closed tube: rings from below, then the two ends' middles, the lower first."""
+    n, here = around * along, np.arange(around)
+    following, top = (here + 1) % around, n - around
+    ends = [
+        np.stack([np.full(around, n), following, here], axis=1),
+        np.stack([np.full(around, n + 1), top + here, top + following], axis=1),
+    ]
+    return np.concatenate([_sides(around, along), *ends])
 
 
 def _rings(
