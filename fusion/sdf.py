@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-import os
-import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import torch
 
+from fusion.moving_mesh import MovingMesh
 from render import InputError
-from render.mesh import check_faces, check_finite
 
-Sign = Literal["winding", "normal"]
+Sign = Literal["checked", "winding", "normal"]
+_FARTHEST = 1e6  # metres; a band that cuts nothing off
 
 
 @dataclass(frozen=True, eq=False)
 class SdfQuery:
-    """What `BodySdf.query` found for points (..., N, 3); plain values, without autograd.
+    """What a query found for points (..., N, 3); plain values, without autograd.
 
     Args:
-        distance: (..., N) float32, metres, negative inside the body.
-        direction: (..., N, 3) float32 unit vectors, the gradient of the distance: away from the body.
-        closest: (..., N, 3) float32, metres, the closest point of the body's surface.
+        distance: (..., N) float32, metres, negative inside; the band's width for points beyond the band.
+        direction: (..., N, 3) float32 unit vectors, the gradient of the distance: the way out. 0 beyond the
+            band.
+        closest: (..., N, 3) float32, metres, the closest point of the surface; beyond the band the point
+            itself.
     """
 
     distance: torch.Tensor
@@ -35,22 +32,44 @@ class SdfQuery:
     closest: torch.Tensor
 
 
+class Obstacle(Protocol):
+    """Something that the garment must stay outside of: `BodySdf`, `OuterSurface`, or several as `Obstacles`."""
+
+    def query(self, points: torch.Tensor) -> SdfQuery:
+        """Distance, direction and closest point of points (T, N, 3), without autograd."""
+        ...
+
+    def distance(self, points: torch.Tensor) -> torch.Tensor:
+        """(T, N) signed distance in metres, differentiable once in the points."""
+        ...
+
+
 class BodySdf:
     """Signed distance to one pose of a body, or to one pose per frame of a batch (equation 7 of the paper).
 
-    The search structure is built at the first `update` and refitted at later ones, since the faces never
-    change. Queries compute in float32, whatever the dtype of the points.
+    Outside, the distance is that to the nearest surface. Inside a body part that no other part overlaps, minus
+    the distance to the nearest surface. Where parts overlap (an arm pressed into the trunk), surfaces that lie
+    inside another part do not count: distance and direction are those of a way out of the whole, the shortest
+    of some two dozen and hence up to a few per cent too long.
+
+    Queries compute in float32, whatever the dtype of the points, and may run in several threads once there is a
+    pose; `update` must not run beside them. Vertices in no face do no harm. A garment's collisions with itself
+    are no part of this.
 
     Args:
         faces: (G, 3) integers, counter-clockwise seen from outside.
         n_vertices: B, the number of body vertices.
         device: a torch device, "cpu" or "cuda"; points must lie on it.
-        sign: how inside is told from outside. "winding" (generalised winding number) is right where limbs
-            sink into each other and where the mesh has holes. "normal" (angle-weighted pseudo-normal of the
-            closest point) is about five times as fast and differs from it only inside such overlaps.
+        sign: how inside is told from outside. "checked" takes the angle-weighted pseudo-normal of the closest
+            point, lets a ray see whether that point is on the outer surface, and asks for the winding number
+            where it is not. "winding" takes the generalised winding number everywhere, about five times as slow.
+            A mesh with holes, or with some faces turned round, always gets the latter. "normal" takes the
+            pseudo-normal alone, which is wrong where parts overlap.
+        band_m: metres; farther outside, points get this distance and no direction, which saves time. None:
+            every distance is exact. Inside, it always is.
 
     Raises:
-        InputError: faces of a wrong shape, or indices out of range.
+        InputError: faces of a wrong shape, indices out of range, or a band that is not positive.
     """
 
     def __init__(
@@ -59,19 +78,30 @@ class BodySdf:
         n_vertices: int,
         *,
         device: str | torch.device = "cpu",
-        sign: Sign = "winding",
+        sign: Sign = "checked",
+        band_m: float | None = None,
     ) -> None:
-        warp = _warp()
-        faces = np.asarray(faces.detach().cpu() if isinstance(faces, torch.Tensor) else faces)
-        check_faces(faces, n_vertices, "body_faces")
-        self.n_vertices = n_vertices
-        self.device = torch.device(device)
-        self.sign = sign
-        self._warp_device = warp.device_from_torch(self.device)
-        self._indices = warp.array(faces.astype(np.int32).ravel(), dtype=warp.int32, device=self._warp_device)
-        self._meshes: list[Any] = []
-        self._ids: Any = None
-        self._batched = False
+        if band_m is not None and not band_m > 0:
+            raise InputError(f"band_m is {band_m}; metres above 0 are wanted, or None for no band")
+        self._body = MovingMesh(faces, n_vertices, device=device, name="body", winding=sign == "winding")
+        self._closed = is_closed(self._body.faces)
+        self.sign: Sign = "winding" if sign == "checked" and not self._closed else sign
+        if self.sign != sign:
+            self._body = MovingMesh(faces, n_vertices, device=device, name="body", winding=True)
+        self._doubted: MovingMesh | None = None  # with winding numbers, made and moved only when asked for
+        self._pose: torch.Tensor | None = None
+        self._doubted_pose: torch.Tensor | None = None
+        self._band = _FARTHEST if band_m is None else float(band_m)
+
+    @property
+    def n_vertices(self) -> int:
+        """B, the number of body vertices."""
+        return self._body.n_vertices
+
+    @property
+    def device(self) -> torch.device:
+        """Where points must lie."""
+        return self._body.device
 
     def update(self, body_vertices: np.ndarray | torch.Tensor) -> None:
         """Move the body.
@@ -80,30 +110,19 @@ class BodySdf:
             body_vertices: (B, 3), or (T, B, 3) for one body a frame, metres.
 
         Raises:
-            InputError: another shape, or a vertex that is not finite.
+            InputError: another shape, a vertex that is not finite, or (at the first pose of a closed mesh)
+                faces that are clockwise seen from outside, which would turn every sign round.
         """
-        warp = _warp()
-        if isinstance(body_vertices, torch.Tensor):
-            body_vertices = body_vertices.detach().cpu().numpy()
-        vertices = np.asarray(body_vertices, np.float32)
-        if vertices.ndim not in (2, 3) or vertices.shape[-2:] != (self.n_vertices, 3) or 0 in vertices.shape:
-            raise InputError(
-                f"body_vertices must have shape ({self.n_vertices}, 3) or (frames, {self.n_vertices}, 3), "
-                f"found {vertices.shape}"
-            )
-        check_finite(vertices, "body_vertices")
-        self._batched = vertices.ndim == 3
-        frames = vertices if self._batched else vertices[None]
-        for mesh, frame in zip(self._meshes, frames, strict=False):
-            mesh.points.assign(frame)
-            mesh.refit()
-        for frame in frames[len(self._meshes) :]:
-            points = warp.array(frame, dtype=warp.vec3, device=self._warp_device)
-            winding = self.sign == "winding"
-            self._meshes.append(warp.Mesh(points, self._indices, support_winding_number=winding))
-        del self._meshes[len(frames) :]
-        ids = np.array([mesh.id for mesh in self._meshes], np.uint64)
-        self._ids = warp.array(ids, dtype=warp.uint64, device=self._warp_device)
+        first = self._pose is None
+        frames = self._body.update(body_vertices)
+        if first and self._closed:
+            volume = _volume(frames[0].cpu().numpy().astype(np.float64), self._body.faces)
+            if volume < 0:
+                raise InputError(
+                    f"body_faces: the body's volume is negative ({1000 * volume:.3g} litres), so its faces are "
+                    "clockwise seen from outside; reverse the order of every face's corners"
+                )
+        self._pose = frames
 
     def query(self, points: torch.Tensor) -> SdfQuery:
         """Distance, direction and closest point, without autograd.
@@ -114,23 +133,21 @@ class BodySdf:
         Raises:
             InputError: no `update` came before, a wrong shape, or points that are not finite.
         """
-        if self._ids is None:
-            raise InputError("BodySdf.query: no body yet; call update(body_vertices) first")
-        if points.ndim < 1 or points.shape[-1] != 3:
-            raise InputError(f"points must have shape (..., 3), found {tuple(points.shape)}")
-        if self._batched and (points.ndim != 3 or len(points) != len(self._meshes)):
-            raise InputError(
-                f"points must have shape ({len(self._meshes)}, N, 3), one frame a body, "
-                f"found {tuple(points.shape)}"
-            )
-        flat = points.detach().to(self.device, torch.float32).reshape(-1, 3).contiguous()
+        from fusion import sdf_kernels as kernels  # noqa: PLC0415 (defining kernels imports warp)
+
+        flat = self._body.points(points)
         packed = torch.empty((len(flat), 7), dtype=torch.float32, device=self.device)
-        if len(flat):
-            _launch(self._ids, flat, packed, len(flat) // len(self._meshes), self.sign)
-        if bool(packed.isnan().any()):
-            raise InputError("signed distance: points are not finite, or lie more than 1000 km away")
-        packed = packed.reshape(*points.shape[:-1], 7)
-        return SdfQuery(packed[..., 0], packed[..., 1:4], packed[..., 4:7])
+        if self.sign != "checked":
+            kernel = kernels.winding if self.sign == "winding" else kernels.normal
+            self._body.launch(kernel, flat, [self._band, packed], count=len(flat))
+            return unpacked(packed, points)
+        doubt = torch.empty(len(flat), dtype=torch.int32, device=self.device)
+        self._body.launch(kernels.checked, flat, [self._band, packed, doubt], count=len(flat))
+        doubtful = doubt.nonzero()[:, 0].int()
+        if len(doubtful):
+            arguments = [self._band, doubtful, doubt, packed]
+            self._with_winding().launch(kernels.settled, flat, arguments, count=len(doubtful))
+        return unpacked(packed, points)
 
     def distance(self, points: torch.Tensor) -> torch.Tensor:
         """Signed distance in metres, negative inside, differentiable once in the points.
@@ -141,15 +158,66 @@ class BodySdf:
         Returns:
             (..., N), dtype of `points`. The gradient is the unit direction away from the surface.
         """
-        return _Distance.apply(points, self)
+        return differentiable_distance(points, self)
+
+    def _with_winding(self) -> MovingMesh:
+        """The same pose with what winding numbers need; moving that costs more than all else of an update."""
+        assert self._pose is not None
+        if self._doubted is None:
+            self._doubted = MovingMesh(
+                self._body.faces, self.n_vertices, device=self.device, name="body", winding=True
+            )
+        if self._doubted_pose is not self._pose:
+            self._doubted.update(self._pose)
+            self._doubted_pose = self._pose
+        return self._doubted
+
+
+def is_closed(faces: np.ndarray) -> bool:
+    """Whether each edge is passed as often one way as the other: no holes, and all faces turned alike.
+
+    Args:
+        faces: (G, 3) integers.
+    """
+    halves = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
+    keys = halves.min(1) * (int(faces.max()) + 1) + halves.max(1)
+    _, edge = np.unique(keys, return_inverse=True)
+    balance = np.bincount(edge, np.where(halves[:, 0] < halves[:, 1], 1, -1))
+    return not balance.any()
+
+
+def differentiable_distance(points: torch.Tensor, obstacle: Obstacle) -> torch.Tensor:
+    """The distance of a query with its direction as gradient.
+
+    Args:
+        points: (..., N, 3) floating point, metres.
+        obstacle: asked once.
+
+    Returns:
+        (..., N), dtype of `points`.
+    """
+    found: torch.Tensor = _Distance.apply(points, obstacle)
+    return found
+
+
+def unpacked(packed: torch.Tensor, points: torch.Tensor) -> SdfQuery:
+    """(P, 7) as the kernels write them -> the answer for points (..., 3)."""
+    packed = packed.reshape(*points.shape[:-1], 7)
+    return SdfQuery(packed[..., 0], packed[..., 1:4], packed[..., 4:7])
+
+
+def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Signed volume in m³ of a closed mesh (B, 3), negative if it is inside out."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    return float((a * np.cross(b, c)).sum() / 6)
 
 
 class _Distance(torch.autograd.Function):
     """d(x) = ±|x − c(x)| with gradient ±(x − c) / |x − c|."""
 
     @staticmethod
-    def forward(ctx: Any, points: torch.Tensor, sdf: BodySdf) -> torch.Tensor:
-        found = sdf.query(points)
+    def forward(ctx: Any, points: torch.Tensor, obstacle: Obstacle) -> torch.Tensor:
+        found = obstacle.query(points)
         ctx.save_for_backward(found.direction)
         return found.distance.to(points)
 
@@ -158,56 +226,3 @@ class _Distance(torch.autograd.Function):
     def backward(ctx: Any, *upstream: torch.Tensor) -> tuple[torch.Tensor, None]:
         (direction,) = ctx.saved_tensors
         return upstream[0][..., None] * direction.to(upstream[0]), None
-
-
-@cache
-def _warp() -> Any:
-    """The warp module, started without its banner; imported late, because that takes a second."""
-    import warp  # noqa: PLC0415
-
-    if hasattr(warp, "LOG_WARNING"):
-        warp.config.log_level = warp.LOG_WARNING
-    else:  # older versions
-        setattr(warp.config, "quiet", True)  # noqa: B010 (the type checker knows only the newer versions)
-    with _without_driver_warning():
-        warp.init()
-    return warp
-
-
-@contextmanager
-def _without_driver_warning() -> Iterator[None]:
-    """Keep back the one line that Warp's C++ start-up writes to stderr on every machine without a GPU driver.
-
-    No setting of Warp's silences it. Whatever else is written meanwhile is passed on.
-    """
-    sys.stderr.flush()
-    keep = os.dup(2)
-    with tempfile.TemporaryFile() as caught:
-        os.dup2(caught.fileno(), 2)
-        try:
-            yield
-        finally:
-            sys.stderr.flush()
-            os.dup2(keep, 2)
-            os.close(keep)
-            caught.seek(0)
-            lines = [line for line in caught if b"load the NVIDIA CUDA driver" not in line]
-            os.write(2, b"".join(lines))
-
-
-def _launch(ids: Any, points: torch.Tensor, packed: torch.Tensor, per_body: int, sign: Sign) -> None:
-    """Fill `packed` (P, 7) with distance, direction and closest point of `points` (P, 3), both float32."""
-    from fusion import sdf_kernels as kernels  # noqa: PLC0415 (defining kernels imports warp)
-
-    warp = _warp()
-    kernel = kernels.winding if sign == "winding" else kernels.normal
-    # Torch may use a stream of its own; queueing on it keeps the order without waiting for the device.
-    stream = warp.stream_from_torch(torch.cuda.current_stream(points.device)) if points.is_cuda else None
-    warp.launch(
-        kernel,
-        dim=len(points),
-        inputs=[ids, per_body, warp.from_torch(points, dtype=warp.vec3)],
-        outputs=[warp.from_torch(packed)],
-        device=ids.device,
-        stream=stream,
-    )

@@ -11,7 +11,7 @@ import trimesh
 from fusion import BodySdf
 from render import InputError
 
-SIGNS = ("winding", "normal")
+SIGNS = ("checked", "winding", "normal")
 
 
 def sphere(radius: float = 0.5, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> trimesh.Trimesh:
@@ -20,7 +20,7 @@ def sphere(radius: float = 0.5, centre: tuple[float, float, float] = (0.0, 0.0, 
     return mesh
 
 
-def sdf_of(mesh: trimesh.Trimesh, sign: str = "winding") -> BodySdf:
+def sdf_of(mesh: trimesh.Trimesh, sign: str = "checked") -> BodySdf:
     sdf = BodySdf(mesh.faces, len(mesh.vertices), sign=sign)
     sdf.update(mesh.vertices)
     return sdf
@@ -138,7 +138,7 @@ def test_wrong_input_is_named():
 def test_warp_prints_no_banner():
     code = (
         "import numpy as np, torch; from fusion import BodySdf; "
-        "s = BodySdf(np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]), 4); "
+        "s = BodySdf(np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]]), 4); "
         "s.update(np.vstack([np.zeros(3), np.eye(3)])); s.distance(torch.ones(1, 3))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
