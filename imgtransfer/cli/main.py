@@ -22,6 +22,7 @@ COMMANDS = (
     "inspect",
     "export",
     "import_",
+    "migrate",
     "doctor",
 )
 

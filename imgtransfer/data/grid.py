@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 STEP = 2.0**-16  # metres
-ENCODING = "second-differences"
 _LIMIT = (
     2**28
 )  # steps (4,096 m): second differences of such numbers, at most four times as large, fit into int32
@@ -44,5 +43,8 @@ def to_differences(points: np.ndarray) -> np.ndarray:
 
 def from_differences(differences: np.ndarray, step: float) -> np.ndarray:
     """The inverse of `to_differences`: (T, ...) int32 -> (T, ...) float32 metres, exact."""
-    steps = differences.astype(np.int64).cumsum(axis=0).cumsum(axis=0)
-    return (steps * step).astype(np.float32)
+    # The sums fit into int32 in the end, so it does not matter if they wrap on the way; and they are float32
+    # numbers of steps, because the positions were.
+    steps = differences.cumsum(axis=0, dtype=np.int32)
+    np.cumsum(steps, axis=0, out=steps)
+    return steps.astype(np.float32) * np.float32(step)

@@ -3,12 +3,84 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 
-from imgtransfer.data.clip import Clip, load_clip
+from imgtransfer.data.clip import Clip
+from imgtransfer.data.place import METADATA, as_url, place_at
+from imgtransfer.data.reader import NpzReader, Reader
 from imgtransfer.data.store import DataSet
 from render import InputError
+
+
+@dataclass(frozen=True)
+class ClipRef:
+    """A clip that has not been read yet: small, and good in another process.
+
+    Args:
+        source: the data set (path or URL) or the clip npz.
+        name: the clip's name. split: its split; None for a clip npz.
+    """
+
+    source: str | Path
+    name: str
+    split: str | None = None
+
+    def reader(self) -> Reader:
+        """The clip, for reading some of its frames."""
+        if self.split is None:
+            return NpzReader(Path(self.source))
+        return DataSet.open(self.source).reader(self.name)
+
+    def load(self) -> Clip:
+        """The whole clip.
+
+        Raises:
+            InputError: it is missing or damaged.
+        """
+        return self.reader().clip()
+
+    def still(self) -> Clip:
+        """The clip with its first frame only: meshes and skinning, whatever the clip's length."""
+        return self.reader().clip(0, 1)
+
+
+def clip_refs(
+    source: str | Path,
+    *,
+    split: str | None = None,
+    names: Sequence[str] | None = None,
+    exclude: Sequence[str] = (),
+) -> list[ClipRef]:
+    """The clips of `source` that are asked for, sorted by name, not read yet.
+
+    Args:
+        source: a data set (folder or URL), a clip npz, or a folder of clip npz files (named by their files).
+        split: only clips of this split; clip npz files have none.
+        names: glob patterns of the clips to take; None takes all.
+        exclude: glob patterns of clips to leave out.
+
+    Raises:
+        InputError: no such source, or nothing in it that matches (the message lists what there is).
+    """
+    if as_url(source) is not None or (Path(source) / METADATA).is_file() or place_at(source).exists(METADATA):
+        data = DataSet.open(source)
+        splits = {name: data.split(name) for name in data.names()}
+        taken = [name for name, of in splits.items() if split in (None, of)]
+        chosen = _choose(source, list(splits), taken, names, exclude, split)
+        return [ClipRef(source, name, splits[name]) for name in chosen]
+    folder = Path(source)
+    if not folder.exists():
+        raise InputError(f"{source}: no such file or folder; a data set or clip npz files are wanted")
+    if split is not None:
+        raise InputError(f"{source}: only data sets have splits, no {split!r} here; choose clips by name")
+    files = {path.stem: path for path in (sorted(folder.glob("*.npz")) if folder.is_dir() else [folder])}
+    if not files:
+        raise InputError(f"{source}: neither a data set (no {METADATA}) nor a folder with clip npz files")
+    return [
+        ClipRef(files[name], name) for name in _choose(source, list(files), list(files), names, exclude, None)
+    ]
 
 
 def open_clips(
@@ -18,38 +90,16 @@ def open_clips(
     names: Sequence[str] | None = None,
     exclude: Sequence[str] = (),
 ) -> list[Clip]:
-    """Read the clips of `source` that are asked for, sorted by name.
-
-    Args:
-        source: a data set folder, a clip npz, or a folder of clip npz files (named by their files).
-        split: only clips of this split; clip npz files have none.
-        names: glob patterns of the clips to take; None takes all.
-        exclude: glob patterns of clips to leave out.
+    """Read the clips of `source` that are asked for, whole; see `clip_refs`.
 
     Raises:
-        InputError: no such source, nothing in it that matches (the message lists what there is), a bad clip.
+        InputError: no such source, nothing in it that matches, or a bad clip.
     """
-    source = Path(source)
-    if not source.exists():
-        raise InputError(f"{source}: no such file or folder; a data set or clip npz files are wanted")
-    if (source / "zarr.json").is_file():
-        data = DataSet.open(source)
-        return [
-            data.read(name)
-            for name in _choose(source, data.names(), data.names(split), names, exclude, split)
-        ]
-    if split is not None:
-        raise InputError(f"{source}: only data sets have splits, no {split!r} here; choose clips by name")
-    files = {path.stem: path for path in (sorted(source.glob("*.npz")) if source.is_dir() else [source])}
-    if not files:
-        raise InputError(f"{source}: neither a data set (no zarr.json) nor a folder with clip npz files")
-    return [
-        load_clip(files[name]) for name in _choose(source, list(files), list(files), names, exclude, None)
-    ]
+    return [ref.load() for ref in clip_refs(source, split=split, names=names, exclude=exclude)]
 
 
 def _choose(  # noqa: PLR0917
-    source: Path,
+    source: str | Path,
     present: list[str],
     candidates: list[str],
     names: Sequence[str] | None,

@@ -39,6 +39,9 @@ class DataConfig(_Section):
     validation: ClipChoice = ClipChoice(split="validation")
     validation_frames: int = Field(default=64, ge=1)
     """Frames, spread evenly over the validation clips, that each validation measures."""
+    cache_gb: float = Field(default=8.0, gt=0)
+    """Memory for training frames that have been read, in 10⁹ bytes (validation frames get as much at most). Data that
+    fit are read once; larger data about once an epoch, and are then mixed within half of this memory at a time."""
 
 
 class TrainingConfig(_Section):

@@ -10,8 +10,8 @@ from render import InputError, PositionBox, TemplateImager
 
 
 class Mirror:
-    """Mirrors images in the plane x = centre in which the front and back cameras stand: columns are flipped
-    and the x of positions and normals turned round.
+    """Mirrors images in the plane x = centre in which all cameras stand, such as front and back at any height
+    and of any layer: columns are flipped and the x of positions and normals turned round.
 
     Args:
         imager: of the garment.
@@ -24,10 +24,13 @@ class Mirror:
     """
 
     def __init__(self, imager: TemplateImager, mask: Tensor, body_mask: Tensor, box: PositionBox) -> None:
-        asymmetric = [camera.name for camera in imager.cameras if camera.name not in ("front", "back")]
+        asymmetric = [
+            camera.name for camera in imager.cameras if abs(camera.view[0, 0]) != 1
+        ]  # its right is x
         if asymmetric:
             raise InputError(
-                f"training.mirror needs front and back views only, found {', '.join(asymmetric)}"
+                "training.mirror needs views from azimuth 0 or 180 only, such as front and back; found "
+                f"{', '.join(asymmetric)}"
             )
         centre = float(imager.cameras[0].view[:3, :3].T[0] @ -imager.cameras[0].view[:3, 3])  # the camera's x
         self._twice_m = 2 * centre

@@ -1,62 +1,96 @@
-"""Training frames in memory, and which of them each step sees."""
+"""Training frames, and which of them each step sees."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
+from tqdm import tqdm
 
+from imgtransfer.data.cache import FrameCache
 from imgtransfer.data.canonical import RootMode, root_frames
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.reader import LoadedReader, Reader
 from render import InputError
 
 
-@dataclass(frozen=True, eq=False)
 class Frames:
-    """The frames of clips that share a garment and a rest body, in the canonical frame.
+    """The frames of clips that share a garment and a rest body, in the canonical frame, read when they are needed.
 
     Args:
-        garment: (F, N, 3) float32, metres.
-        body: (F, V, 3) float32, metres.
-        first: a clip without its frames' motion in mind: the template and the rest body.
+        readers: the clips.
+        root: what of the root's motion the canonical frame removes.
+        cache_bytes: memory for frames that have been read. Data that fit are read once; of larger data `order` shuffles
+            neighbouring parts, so that each chunk of frames is read about once an epoch.
+
+    Raises:
+        InputError: a clip without garment vertices, or with another garment or rest body than the first.
     """
 
-    garment: Tensor
-    body: Tensor
-    first: Clip
+    def __init__(self, readers: Sequence[Reader], root: RootMode, cache_bytes: int = 2**33) -> None:
+        self.first = readers[0].clip(0, 1)
+        self._root = root
+        for reader in readers:
+            _check_same(reader.clip(0, 1) if reader is not readers[0] else self.first, self.first)
+        self._cache = FrameCache(readers, self._canonical, cache_bytes)
+        self._cache_bytes = cache_bytes
+        self._bytes_per_frame = 12 * (len(self.first.template_vertices) + len(self.first.body_rest))
 
     @classmethod
     def from_clips(cls, clips: Sequence[Clip], root: RootMode) -> Frames:
-        """Move every frame of `clips` to the canonical frame.
-
-        Raises:
-            InputError: a clip without garment vertices, or with another garment or rest body than the first.
-        """
-        first = clips[0]
-        garment, body = [], []
-        for clip in clips:
-            if clip.garment_vertices is None:
-                raise InputError(f"{clip.name}: no garment_vertices; training needs the deformed garment")
-            for key in ("template_vertices", "garment_faces", "body_rest", "body_faces"):
-                if not np.array_equal(getattr(clip, key), getattr(first, key)):
-                    raise InputError(
-                        f"{clip.name}: its {key} differ from those of {first.name}; one run trains on one garment and "
-                        "one rest body, choose clips with data.train.names"
-                    )
-            frames = root_frames(clip, root)
-            garment.append(torch.from_numpy(frames.to_canonical(clip.garment_vertices)))
-            body.append(torch.from_numpy(frames.to_canonical(clip.body_vertices)))
-        return cls(torch.cat(garment), torch.cat(body), first.slice(slice(0, 1)))
+        """The frames of clips that are in memory."""
+        return cls([LoadedReader(clip) for clip in clips], root)
 
     def __len__(self) -> int:
-        return len(self.garment)
+        return len(self._cache)
+
+    def read(self, index: Tensor) -> tuple[Tensor, Tensor]:
+        """Garment (B, N, 3) and body (B, V, 3) of frames `index` (B,), float32, metres.
+
+        Raises:
+            InputError: damaged data.
+        """
+        garment, body = self._cache.frames(index.numpy())
+        return torch.from_numpy(garment), torch.from_numpy(body)
+
+    def garment_bounds(self) -> np.ndarray:
+        """(2, 3): the least and the greatest coordinates of the garment in any frame. Reads all of them."""
+        bounds = []
+        numbers = range(len(self._cache.chunks))
+        for number in tqdm(numbers, desc="data", unit="chunk", leave=False, delay=2, disable=None):
+            garment = self._cache.chunk(number)[0]
+            bounds.append((garment.min(axis=(0, 1)), garment.max(axis=(0, 1))))
+        lows, highs = zip(*bounds, strict=True)
+        return np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
+
+    def order(self, batch: int, seed: int) -> Order:
+        """The order that training sees the frames in: fully random if they fit into the cache."""
+        if len(self) * self._bytes_per_frame <= self._cache_bytes:
+            return Order(len(self), batch, seed)
+        window = max(batch, int(self._cache_bytes / self._bytes_per_frame / 2))
+        return Order(len(self), batch, seed, chunks=self._cache.lengths, window=window)
 
     def spread(self, count: int) -> Tensor:
         """Indices of at most `count` frames, evenly spread, int64."""
         return torch.linspace(0, len(self) - 1, min(count, len(self))).round().long()
+
+    def _canonical(self, clip: Clip) -> tuple[np.ndarray, np.ndarray]:
+        frames = root_frames(clip, self._root)
+        assert clip.garment_vertices is not None  # _check_same saw to it
+        return frames.to_canonical(clip.garment_vertices), frames.to_canonical(clip.body_vertices)
+
+
+def _check_same(clip: Clip, first: Clip) -> None:
+    if clip.garment_vertices is None:
+        raise InputError(f"{clip.name}: no garment_vertices; training needs the deformed garment")
+    for key in ("template_vertices", "garment_faces", "body_rest", "body_faces"):
+        if not np.array_equal(getattr(clip, key), getattr(first, key)):
+            raise InputError(
+                f"{clip.name}: its {key} differ from those of {first.name}; one run trains on one garment and "
+                "one rest body, choose clips with data.train.names"
+            )
 
 
 class Order:
@@ -68,10 +102,17 @@ class Order:
         n_frames: number of frames.
         batch: frames a step.
         seed: of the permutations.
+        chunks: numbers of frames that lie together, in order. With them an epoch takes the chunks in random order, and
+            mixes the frames of neighbouring ones: good for data that do not fit into memory.
+        window: frames, of that order of chunks, that are mixed.
     """
 
-    def __init__(self, n_frames: int, batch: int, seed: int) -> None:
+    def __init__(
+        self, n_frames: int, batch: int, seed: int, *, chunks: Sequence[int] | None = None, window: int = 1
+    ) -> None:
         self.n_frames, self.batch, self.seed = n_frames, batch, seed
+        self._chunks = None if chunks is None else torch.arange(n_frames).split(list(chunks))
+        self._window = window
         self._epochs: dict[int, Tensor] = {}
 
     def frames(self, step: int) -> Tensor:
@@ -85,11 +126,19 @@ class Order:
 
     def _epoch(self, epoch: int) -> Tensor:
         if epoch not in self._epochs:
-            order = torch.randperm(self.n_frames, generator=self._generator(2 * epoch))
+            order = self._permutation(self._generator(2 * epoch))
             # A batch may reach over the end of an epoch, so the one before is kept.
             self._epochs = {known: self._epochs[known] for known in self._epochs if known == epoch - 1}
             self._epochs[epoch] = order
         return self._epochs[epoch]
+
+    def _permutation(self, generator: torch.Generator) -> Tensor:
+        if self._chunks is None:
+            return torch.randperm(self.n_frames, generator=generator)
+        walk = torch.randperm(len(self._chunks), generator=generator)
+        frames = torch.cat([self._chunks[chunk] for chunk in walk.tolist()])
+        mixed = [part[torch.randperm(len(part), generator=generator)] for part in frames.split(self._window)]
+        return torch.cat(mixed)
 
     def _generator(self, stream: int) -> torch.Generator:
         return torch.Generator().manual_seed(

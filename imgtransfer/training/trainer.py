@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from imgtransfer.data.source import open_clips
+from imgtransfer.data.source import clip_refs
 from imgtransfer.network import TransferModel, masked_l1
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.training.checkpoint import (
@@ -23,7 +23,7 @@ from imgtransfer.training.checkpoint import (
 from imgtransfer.training.config import ClipChoice, RunConfig
 from imgtransfer.training.measure import map_errors
 from imgtransfer.training.mirror import Mirror
-from imgtransfer.training.sampler import Frames, Order
+from imgtransfer.training.sampler import Frames
 from imgtransfer.training.schedule import learning_rate
 from render import InputError, Mesh, PositionBox
 
@@ -56,7 +56,7 @@ class Trainer:
             maps=config.maps,
             network=config.network,
             template=Mesh(first.template_vertices, first.garment_faces, first.name),
-            box=PositionBox.around(self.train_frames.garment.numpy()),
+            box=PositionBox.around(self.train_frames.garment_bounds()),
         ).to(self.device)
         self.model.check_garment(self.validation_frames.first)
         self._bodies = {
@@ -68,7 +68,7 @@ class Trainer:
         if options.mirror:
             body_mask = self._bodies[id(self.train_frames)].mask
             self.mirror = Mirror(self.model.imager, self.model.mask, body_mask, self.model.box)
-        self.order = Order(len(self.train_frames), options.batch_frames, options.seed)
+        self.order = self.train_frames.order(options.batch_frames, options.seed)
         kind = torch.optim.Adam if options.optimizer == "adam" else torch.optim.AdamW
         self.optimizer = kind(
             self.model.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay, fused=True
@@ -112,9 +112,9 @@ class Trainer:
     @torch.no_grad()
     def batch(self, frames: Frames, index: Tensor) -> tuple[BodyMaps, ImagePair]:
         """What the networks are shown of frames `index`, and the true images."""
-        body = self._bodies[id(frames)](frames.body[index].to(self.device))
-        garment = frames.garment[index].to(self.device)
-        positions, normals = metric_maps(self.model.imager, garment)
+        garment, body_vertices = frames.read(index)
+        body = self._bodies[id(frames)](body_vertices.to(self.device))
+        positions, normals = metric_maps(self.model.imager, garment.to(self.device))
         return body, ImagePair.encode(positions, normals, self.model.mask, self.model.box)
 
     @torch.no_grad()
@@ -144,14 +144,9 @@ class Trainer:
         return sums
 
     def _frames(self, choice: ClipChoice) -> Frames:
-        clips = open_clips(
-            self.config.data.source, split=choice.split, names=choice.names, exclude=choice.exclude
-        )
-        if not clips:
-            raise InputError(
-                f"{self.config.data.source}: no clip matches {choice.model_dump(exclude_none=True)}"
-            )
-        return Frames.from_clips(clips, self.config.maps.root)
+        data = self.config.data
+        refs = clip_refs(data.source, split=choice.split, names=choice.names, exclude=choice.exclude)
+        return Frames([ref.reader() for ref in refs], self.config.maps.root, int(data.cache_gb * 1e9))
 
     def _autocast(self) -> torch.autocast:
         return torch.autocast(

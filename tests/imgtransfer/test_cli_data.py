@@ -220,7 +220,8 @@ def test_inspect_summarises_data_sets_clips_and_maps(
     row = next(line for line in text.splitlines() if line.startswith("tube/short")).split()
     assert row[:6] == ["tube/short", "test", "4", "30", "192/352", "128/252"]
     assert float(row[-1]) == 0.0
-    assert "by any" in text
+    assert "by front,back: front" in text
+    assert "% with layer 1" in text
     assert main(["inspect", f"{tmp_path}/in/tube_bend.npz"]) == 0
     assert "1 clips, 6 frames" in capsys.readouterr().out
     assert main(["render", f"{tmp_path}/in/tube_bend.npz", "--out", f"{tmp_path}/m", "--size", "32"]) == 0
@@ -309,12 +310,12 @@ def test_a_data_set_of_another_version(
     tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     stored = json.loads((data / "zarr.json").read_text())
-    stored["attributes"]["schema_version"] = 2
+    stored["attributes"]["schema_version"] = 3
     (data / "zarr.json").write_text(json.dumps(stored))
     for argv in (("inspect", data), ("render", data, "--out", tmp_path / "out")):
         err = one_error_line(capsys, *argv)
-        assert "schema version 2" in err
-        assert "version 1" in err
+        assert "schema version 3" in err
+        assert "versions 1 and 2" in err
 
 
 def test_a_garment_outside_the_view(tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]) -> None:

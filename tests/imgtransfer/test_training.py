@@ -312,7 +312,7 @@ def test_the_mirror_shows_the_mirrored_scene(config: RunConfig) -> None:
     assert mirror is not None
     body, truth = trainer.batch(trainer.train_frames, torch.arange(3))
     flipped = mirror.garment(truth)
-    vertices = trainer.train_frames.garment[:3] * torch.tensor([-1.0, 1.0, 1.0])
+    vertices = trainer.train_frames.read(torch.arange(3))[0] * torch.tensor([-1.0, 1.0, 1.0])
     partner = mirror_partners(model)
     positions, _ = metric_maps(model.imager, vertices[:, partner])
     both = model.mask & mirror.mask

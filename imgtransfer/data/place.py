@@ -1,0 +1,87 @@
+"""Where a data set lies: a local folder, or a place that fsspec reaches (s3://, gs://, https://, memory://)."""
+
+from __future__ import annotations
+
+import json
+import re
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, Protocol
+
+from zarr.abc.store import Store
+
+METADATA = "zarr.json"  # of a group; a clip stands once this file of its group does
+
+
+class Place(Protocol):
+    """What a data set needs of its storage; keys are paths below its root, separated by "/"."""
+
+    def read(self, key: str) -> bytes:
+        """The content of a file. Raises OSError where there is none."""
+        ...
+
+    def write(self, key: str, content: bytes) -> None:
+        """Write a file whole or not at all, in place of an earlier one."""
+        ...
+
+    def exists(self, key: str) -> bool:
+        """Whether there is such a file."""
+        ...
+
+    def empty(self) -> bool:
+        """Whether nothing stands here yet (files under way, whose names start with a dot, do not count)."""
+        ...
+
+    def groups(self, depth: int) -> list[str]:
+        """Keys of the folders `depth` levels below the root that hold a group's metadata, sorted."""
+        ...
+
+    def files(self, folder: str) -> list[str]:
+        """Names of the files right in a folder, sorted; none where it does not exist."""
+        ...
+
+    def store(self, key: str) -> Store:
+        """The Zarr store rooted at a folder."""
+        ...
+
+    def remove(self, key: str) -> None:
+        """Remove a file or folder, if it exists."""
+        ...
+
+    def whole_group(self, key: str, attributes: dict[str, Any]) -> AbstractContextManager[Place]:
+        """Yield a `Place` to write a group's arrays to. The group stands once it is left without an error, in place
+        of an earlier one; after an error nothing of it is left.
+        """
+        ...
+
+
+def place_at(source: str | Path) -> Place:
+    """The place that a path or URL names.
+
+    Raises:
+        InputError: a URL of a kind that fsspec does not know, or whose package is missing.
+    """
+    from imgtransfer.data.local_place import LocalPlace  # noqa: PLC0415 - they build on this module
+    from imgtransfer.data.remote_place import RemotePlace  # noqa: PLC0415
+
+    url = as_url(source)
+    if url is None:
+        return LocalPlace(Path(re.sub(r"^file:/+", "/", str(source))))
+    return RemotePlace.at(url)
+
+
+def as_url(source: str | Path) -> str | None:
+    """The URL that `source` is; None for a local path, as file:// URLs are, too.
+
+    `Path("s3://bucket/x")` is "s3:/bucket/x", so one slash after a scheme of two letters or more is taken for two.
+    """
+    text = str(source)
+    if not re.match(r"[A-Za-z][\w+.-]+:[:/]", text) or text.startswith("file:"):
+        return None
+    return re.sub(r"(?<=\w):/(?!/)", "://", text).rstrip("/")
+
+
+def group_metadata(attributes: dict[str, Any]) -> bytes:
+    """The metadata file of a Zarr v3 group with these attributes."""
+    metadata = {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
+    return (json.dumps(metadata, indent=2) + "\n").encode()

@@ -1,0 +1,179 @@
+"""Clips read by frames: of a data set only the chunks that hold them, of anything else from memory."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from imgtransfer.data.arrays import StoredArray
+from imgtransfer.data.clip import Clip, load_clip
+from imgtransfer.data.place import METADATA, Place
+from imgtransfer.data.schema import ARRAYS, NEVER_ZERO, PER_FRAME, REQUIRED_ARRAYS
+from render import InputError
+
+
+class Reader(Protocol):
+    """A clip whose frames are read when they are asked for."""
+
+    @property
+    def name(self) -> str:
+        """The clip's name."""
+        ...
+
+    @property
+    def n_frames(self) -> int:
+        """Its length."""
+        ...
+
+    @property
+    def frames_per_chunk(self) -> int:
+        """Frames that are read together; other requests are cut out of such chunks."""
+        ...
+
+    def clip(self, start: int = 0, stop: int | None = None) -> Clip:
+        """The clip with only the frames from `start` to `stop`; all of them by default."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedReader:
+    """A clip that is in memory."""
+
+    whole: Clip
+
+    @property
+    def name(self) -> str:
+        return self.whole.name
+
+    @property
+    def n_frames(self) -> int:
+        return self.whole.n_frames
+
+    @property
+    def frames_per_chunk(self) -> int:
+        return self.whole.n_frames
+
+    def clip(self, start: int = 0, stop: int | None = None) -> Clip:
+        return self.whole.slice(slice(start, stop))
+
+
+@dataclass(frozen=True, eq=False)
+class NpzReader:
+    """A clip npz, which can only be read as a whole: once for each request."""
+
+    path: Path
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+    @cached_property
+    def n_frames(self) -> int:
+        try:  # the shape stands at the head of the array
+            with zipfile.ZipFile(self.path) as archive, archive.open("body_vertices.npy") as file:
+                np.lib.format.read_magic(file)
+                return int(np.lib.format.read_array_header_1_0(file)[0][0])
+        except (OSError, KeyError, ValueError, IndexError, zipfile.BadZipFile):
+            return load_clip(self.path).n_frames  # or it says what is wrong
+
+    @property
+    def frames_per_chunk(self) -> int:
+        return self.n_frames
+
+    def clip(self, start: int = 0, stop: int | None = None) -> Clip:
+        return load_clip(self.path).slice(slice(start, stop))
+
+
+@dataclass(frozen=True, eq=False)
+class StoredReader:
+    """A clip of a data set. Chunks are read and decoded when they are asked for, and not kept.
+
+    Args:
+        place: of the data set; where: its path or URL, for messages.
+        name: the clip's.
+        attributes: the clip's, from its group.
+    """
+
+    place: Place
+    where: str
+    name: str
+    attributes: dict[str, Any]
+
+    @property
+    def n_frames(self) -> int:
+        return int(self.attributes["frames"])
+
+    @property
+    def frames_per_chunk(self) -> int:
+        return self._arrays["body_vertices"].frames_per_chunk
+
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        """Names of the clip's arrays. Version 1 did not list them, so they are looked for."""
+        listed = self.attributes.get("arrays")
+        if listed is not None:
+            return tuple(listed)
+        return tuple(key for key in ARRAYS if self.place.exists(f"{self.name}/{key}/{METADATA}"))
+
+    def clip(self, start: int = 0, stop: int | None = None) -> Clip:
+        """The clip with only the frames from `start` to `stop`, bit for bit as they were written.
+
+        Raises:
+            InputError: an array or a chunk is missing or damaged.
+        """
+        start, stop, _ = slice(start, stop).indices(self.n_frames)
+        values = {
+            key: self._read(key, start, stop) if key in PER_FRAME else self._static[key] for key in self.keys
+        }
+        return Clip(
+            **{key: values.get(key) for key in ARRAYS},  # type: ignore[arg-type]
+            fps=float(self.attributes["fps"]),
+            info=dict(self.attributes["info"]),
+            name=self.name,
+        )
+
+    @cached_property
+    def _arrays(self) -> dict[str, StoredArray]:
+        missing = [key for key in REQUIRED_ARRAYS if key not in self.keys]
+        if missing:
+            raise InputError(f"{self._whole_name} lacks {', '.join(missing)}; write it again")
+        found = {}
+        for key in self.keys:
+            try:
+                found[key] = StoredArray(self.place.store(f"{self.name}/{key}"))
+            except (ValueError, OSError, KeyError, TypeError) as error:
+                raise self._damaged(key, error) from error
+        return found
+
+    @cached_property
+    def _static(self) -> dict[str, np.ndarray]:
+        return {key: self._read(key, 0, None) for key in self.keys if key not in PER_FRAME}
+
+    def _read(self, key: str, start: int, stop: int | None) -> np.ndarray:
+        array = self._arrays[key]
+        try:
+            values = array.read(start, stop)
+        except (ValueError, OSError, KeyError, TypeError, RuntimeError) as error:
+            raise self._damaged(key, error) from error
+        # Version 1 did not tell lost chunks from zeros; a mesh has no frame of zeros.
+        if key in NEVER_ZERO:
+            frames = values if key in PER_FRAME else values[None]
+            if not frames.any(axis=tuple(range(1, frames.ndim))).all():
+                raise self._damaged(key, ValueError("it reads as zeros: chunks are missing"))
+        return values
+
+    @property
+    def _whole_name(self) -> str:
+        return f"{self.where}: clip {self.name}"
+
+    def _damaged(self, key: str, error: Exception) -> InputError:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        return InputError(
+            f"{self._whole_name} cannot be read, the store is damaged: {key}: {reason}; "
+            "write the clip again, or restore it from a copy"
+        )

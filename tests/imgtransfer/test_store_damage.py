@@ -1,0 +1,228 @@
+"""A data set that lost or damaged something says so, and writers that die leave nothing that counts."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic
+from test_store import assert_same_clip, on_grid
+
+from imgtransfer.cli.main import main
+from imgtransfer.data.clip import Clip, save_clip
+from imgtransfer.data.local_place import LocalPlace, remove_abandoned
+from imgtransfer.data.place import group_metadata
+from imgtransfer.data.store import DataSet
+from render import InputError
+
+FRAMES = 70  # three chunks
+
+
+@pytest.fixture(scope="module")
+def long_clip() -> Clip:
+    return on_grid(synthetic.tube_clip(FRAMES))
+
+
+@pytest.fixture
+def data(tmp_path: Path, long_clip: Clip) -> DataSet:
+    data = DataSet.create(tmp_path / "set")
+    data.write("tube/bend", long_clip, split="train")
+    return data
+
+
+CHUNKS = {
+    "garment_vertices": "c/1/0/0",
+    "body_vertices": "c/2/0/0",
+    "template_vertices": "c/0/0",
+    "garment_faces": "c/0/0",
+    "poses": "c/0/0/0",
+    "trans": "c/1/0",
+    "parents": "c/0",
+}
+
+
+@pytest.mark.parametrize("key", CHUNKS)
+def test_a_lost_chunk_is_an_error_not_zeros(data: DataSet, key: str) -> None:
+    (data.path / "tube/bend" / key / CHUNKS[key]).unlink()
+    with pytest.raises(InputError, match=rf"tube/bend cannot be read.*{key}: chunk \d is missing"):
+        data.read("tube/bend")
+
+
+def test_a_lost_array_is_an_error_even_where_clips_may_do_without(data: DataSet) -> None:
+    (data.path / "tube/bend/poses").rename(data.path / "tube/bend/elsewhere")
+    with pytest.raises(InputError, match="cannot be read.*poses"):
+        data.read("tube/bend")
+
+
+def test_a_flipped_bit_is_an_error(data: DataSet) -> None:
+    file = data.path / "tube/bend/blend_weights/c/0/0"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 4
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"cannot be read.*blend_weights"):
+        data.read("tube/bend")
+
+
+def test_only_the_chunks_of_the_frames_are_read(data: DataSet, long_clip: Clip) -> None:
+    (data.path / "tube/bend/garment_vertices/c/0/0/0").write_bytes(b"junk")
+    part = data.reader("tube/bend").clip(32, 64)
+    assert np.array_equal(part.garment_vertices, long_clip.garment_vertices[32:64])
+    with pytest.raises(InputError, match="garment_vertices"):
+        data.reader("tube/bend").clip(31, 33)
+
+
+@pytest.mark.parametrize("start, stop", [(0, 1), (31, 33), (40, 41), (69, 70), (5, 70), (10, 10)])
+def test_any_frames_equal_those_of_the_whole(data: DataSet, long_clip: Clip, start: int, stop: int) -> None:
+    reader = data.reader("tube/bend")
+    assert (reader.n_frames, reader.frames_per_chunk) == (FRAMES, 32)
+    if start == stop:
+        with pytest.raises(InputError, match="no frames"):
+            reader.clip(start, stop)
+        return
+    assert_same_clip(reader.clip(start, stop), long_clip.slice(slice(start, stop)))
+
+
+def test_zeros_that_were_written_are_read(tmp_path: Path, long_clip: Clip) -> None:
+    still = replace(long_clip, trans=np.zeros((FRAMES, 3), np.float32))
+    data = DataSet.create(tmp_path / "still")
+    data.write("tube/still", still, split="train")
+    assert np.array_equal(data.read("tube/still").trans, still.trans)
+
+
+# writers that die, and writers at the same time
+
+WRITER = """
+import os, sys
+sys.path[:0] = {paths!r}
+import synthetic
+from imgtransfer.data import store
+from imgtransfer.data.store import DataSet
+name, die_after = sys.argv[1], int(sys.argv[2])
+written, real = [], store.write_array
+
+def write_array(*args, **options):
+    real(*args, **options)
+    written.append(1)
+    if len(written) == die_after:
+        os.kill(os.getpid(), 9)
+
+store.write_array = write_array
+DataSet.open_or_create({data!r}).write(name, synthetic.tube_clip(), split="train")
+"""
+
+
+def writer(data: Path, name: str, die_after: int = 0) -> subprocess.Popen[bytes]:
+    paths = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
+    program = WRITER.format(paths=paths, data=str(data))
+    return subprocess.Popen([sys.executable, "-c", program, name, str(die_after)])
+
+
+def test_a_writer_killed_between_arrays_leaves_no_clip_and_its_leftovers_go(
+    tmp_path: Path, tube_clip: Clip
+) -> None:
+    path = tmp_path / "set"
+    assert writer(path, "tube/dead", die_after=3).wait() == -9
+    data = DataSet.open(path)
+    assert data.names() == []
+    (left,) = [entry for entry in (path / "tube").iterdir() if entry.is_dir()]
+    assert left.name.startswith(".dead-")
+    hour_ago = time.time() - 3600
+    os.utime(left, (hour_ago, hour_ago))
+    data.write("tube/alive", tube_clip, split="train")
+    assert not left.exists()
+    assert data.names() == ["tube/alive"]
+
+
+def test_processes_write_different_clips_at_once(tmp_path: Path, tube_clip: Clip) -> None:
+    names = [f"tube/{number}" for number in range(4)]
+    for process in [writer(tmp_path / "set", name) for name in names]:
+        assert process.wait() == 0
+    data = DataSet.open(tmp_path / "set")
+    assert data.names() == names
+    for name in names:
+        assert_same_clip(data.read(name), tube_clip)
+
+
+def test_what_a_living_writer_holds_is_not_removed(tmp_path: Path) -> None:
+    with LocalPlace(tmp_path).whole_group("clip", {}) as group:
+        (group.root / "array").write_text("x")
+        hour_ago = time.time() - 3600
+        os.utime(group.root, (hour_ago, hour_ago))
+        remove_abandoned(tmp_path)
+        assert (group.root / "array").exists()
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["clip"]
+
+
+def test_of_two_that_write_the_same_clip_one_wins(tmp_path: Path) -> None:
+    place = LocalPlace(tmp_path)
+    with place.whole_group("clip", {"by": 1}) as outer:
+        (outer.root / "first").write_text("x")
+        with place.whole_group("clip", {"by": 2}) as inner:
+            (inner.root / "second").write_text("x")
+    assert json.loads(place.read("clip/zarr.json"))["attributes"] == {"by": 1}
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["clip"]
+
+
+# schema versions
+
+
+def as_version_1(data: DataSet) -> None:
+    """Take from a version-2 data set what version 1 did not have; its arrays keep their encoding."""
+    root = dict(data.attributes) | {"schema_version": 1}
+    (data.path / "zarr.json").write_bytes(group_metadata(root))
+    for name in data.names():
+        attributes = data.clip_attributes(name)
+        kept = ("name", "split", "fps", "frames", "source", "licence", "info")
+        (data.path / name / "zarr.json").write_bytes(group_metadata({key: attributes[key] for key in kept}))
+
+
+def test_migration_keeps_every_value_and_can_be_stopped(
+    data: DataSet, long_clip: Clip, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data.write("tube/other", long_clip, split="test")
+    as_version_1(data)
+    old = DataSet.open(data.path)
+    with pytest.raises(InputError, match="schema version 1, which is read only; imgtransfer migrate"):
+        old.write("tube/new", long_clip, split="train")
+    replace(old, attributes=data.attributes).write("tube/bend", old.read("tube/bend"), split="train")
+    standing = (data.path / "tube/bend/zarr.json").stat().st_mtime_ns
+    assert main(["migrate", str(data.path)]) == 0
+    assert "version 1 -> 2, 1 clips rewritten" in capsys.readouterr().out
+    assert (data.path / "tube/bend/zarr.json").stat().st_mtime_ns == standing  # as after a stop
+    new = DataSet.open(data.path)
+    assert new.attributes["schema_version"] == 2
+    assert new.names("test") == ["tube/other"]
+    for name in new.names():
+        assert_same_clip(new.read(name), long_clip)
+        assert new.clip_attributes(name)["schema_version"] == 2
+    assert main(["migrate", str(data.path)]) == 0
+    assert "version 2 already" in capsys.readouterr().out
+
+
+def test_rejected_clips_are_listed_until_they_are_written(data: DataSet, long_clip: Clip) -> None:
+    data.reject("tube/new", "it stretches", "a")
+    data.reject("tube/worse", "it sinks", "b")
+    assert data.rejected() == {
+        "tube/new": {"reason": "it stretches", "made": "a"},
+        "tube/worse": {"reason": "it sinks", "made": "b"},
+    }
+    data.write("tube/new", long_clip, split="train")
+    assert list(DataSet.open(data.path).rejected()) == ["tube/worse"]
+    assert data.names() == ["tube/bend", "tube/new"]
+
+
+def test_a_clip_npz_is_read_by_frames(tmp_path: Path, tube_clip: Clip) -> None:
+    from imgtransfer.data.source import clip_refs  # noqa: PLC0415
+
+    save_clip(tmp_path / "walk.npz", tube_clip)
+    (ref,) = clip_refs(tmp_path)
+    assert (ref.name, ref.split, ref.reader().n_frames) == ("walk", None, tube_clip.n_frames)
+    assert_same_clip(ref.reader().clip(2, 5), tube_clip.slice(slice(2, 5)))
+    assert ref.still().n_frames == 1
