@@ -8,6 +8,7 @@ from render.errors import InputError as InputError
 if TYPE_CHECKING:
     from render.cameras import Camera as Camera
     from render.cameras import frame_cameras as frame_cameras
+    from render.coverage import Coverage as Coverage
     from render.encoding import PositionBox as PositionBox
     from render.encoding import decode_normals as decode_normals
     from render.encoding import encode_normals as encode_normals
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from render.pictures import write_png as write_png
     from render.raster import Raster as Raster
     from render.raster import rasterize as rasterize
+    from render.views import View as View
+    from render.views import parse_views as parse_views
 
 # What is in the list above, by module: loaded when it is first asked for, because PyTorch takes seconds, for
 # which neither `imgtransfer --help` nor an early Ctrl-C should wait.
@@ -31,6 +34,7 @@ _MODULES = {
         "Camera",
         "frame_cameras",
     ),
+    "coverage": ("Coverage",),
     "encoding": (
         "PositionBox",
         "decode_normals",
@@ -55,6 +59,10 @@ _MODULES = {
     "raster": (
         "Raster",
         "rasterize",
+    ),
+    "views": (
+        "View",
+        "parse_views",
     ),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from render.errors import InputError
 from render.mesh import Mesh
-
-# Where each view's camera stands, seen from the garment (x: the person's left, y: up, z: the way the body
-# faces).
-VIEW_DIRECTIONS = {"front": (0, 0, 1), "back": (0, 0, -1), "left": (1, 0, 0), "right": (-1, 0, 0)}
+from render.views import View, ViewsSpec, parse_views
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +95,7 @@ def check_size(size: Sequence[int]) -> tuple[int, int]:
 def frame_cameras(
     template: Mesh,
     *,
-    views: Sequence[str] = ("front", "back"),
+    views: ViewsSpec = ("front", "back"),
     size: tuple[int, int] = (256, 256),
     fov_degrees: float = 15.0,
     margin: float = 0.05,
@@ -110,8 +107,8 @@ def frame_cameras(
 
     Args:
         template: the garment at rest, metres, facing +z.
-        views: names out of front, back, left, right; `front` stands on the +z side, `left` on the person's
-            left (+x).
+        views: see `render.views.parse_views`: sides, "45/20", "four", "ring:8". Elevations that it leaves open
+            are chosen for the template, the same for any image size.
         size: (height, width) of the images.
         fov_degrees: field of view over the image's shorter side; pixels are square. A narrow one stands farther
             away and sees more of the flanks (the public T-shirt: 93.8 % of the vertices at 30, 95.1 % at 15).
@@ -122,15 +119,10 @@ def frame_cameras(
         For each view in the order given one camera a layer, named "front", "front/1", "front/2" and so on.
 
     Raises:
-        InputError: an unknown or repeated view, none at all, or a size, field of view or margin that makes no
-            image.
+        InputError: unknown or repeated views, none at all, or layers, a size, field of view or margin that make
+            no image.
     """
-    height, width = check_size(size)
-    unknown = [view for view in views if view not in VIEW_DIRECTIONS]
-    if unknown or not views or len(set(views)) != len(views):
-        raise InputError(
-            f"views must be different names out of {', '.join(VIEW_DIRECTIONS)}; found {list(views)}"
-        )
+    size = check_size(size)
     if not 1 <= fov_degrees <= 120 or not 0 <= margin < 0.5:
         raise InputError(
             f"the field of view must be 1 to 120 degrees and the margin 0 to below 0.5; "
@@ -138,31 +130,38 @@ def frame_cameras(
         )
     if int(layers) != layers or layers < 1:
         raise InputError(f"layers must be a whole number from 1 on, found {layers}")
-    low, high = template.vertices.min(axis=0), template.vertices.max(axis=0)
-    if (high - low).max() == 0:
+    if np.ptp(template.vertices, axis=0).max() == 0:
         raise InputError(f"{template.source}: all vertices are at one point, there is nothing to look at")
-    tangent = math.tan(math.radians(fov_degrees) / 2) / min(height, width) * np.array([width, height])
+    tangent, parsed = math.tan(math.radians(fov_degrees) / 2), parse_views(views)
+    if any(view.elevation is None for view in parsed):
+        from render.elevations import choose_elevations  # noqa: PLC0415 - it needs cameras itself
+
+        parsed = choose_elevations(
+            template, parsed, lambda view: _frame(template, view, (256, 256), tangent, margin)
+        )
     cameras = []
-    for name in views:
-        backward = np.array(VIEW_DIRECTIONS[name], np.float64)  # camera z points away from what it looks at
-        up = np.array([0.0, 1.0, 0.0])
-        rotation = np.stack([np.cross(up, backward), up, backward])
-        offset = (template.vertices - (low + high) / 2) @ rotation.T  # right, up, towards the camera
-        front = offset[:, 2].max()
-        # The vertex that comes nearest to a margin just touches it; a needle that points at the camera keeps clear.
-        fit = offset[:, 2] + (np.abs(offset[:, :2]) / (tangent * (1 - 2 * margin))).max(axis=1)
-        distance = max(fit.max(), front + 0.05 * (high - low).max())
-        view = np.eye(4)
-        view[:3, :3] = rotation
-        view[:3, 3] = -rotation @ ((low + high) / 2 + distance * backward)
-        # Wide limits: the body, larger than the garment, is imaged with the same cameras.
-        near = min(distance / 20, (distance - front) / 2)
-        projection = perspective(tangent, near=near, far=distance * 4)
-        cameras += [
-            Camera(f"{name}/{layer}" if layer else name, view, projection, (height, width), layer)
-            for layer in range(layers)
-        ]
+    for view in parsed:
+        camera = _frame(template, view, size, tangent, margin)
+        cameras += [camera, *(replace(camera, name=f"{camera.name}/{k}", layer=k) for k in range(1, layers))]
     return tuple(cameras)
+
+
+def _frame(template: Mesh, view: View, size: tuple[int, int], half_tangent: float, margin: float) -> Camera:
+    """The camera on one side that is as near as the vertices allow; the tangent is of the shorter side's half."""
+    tangent = half_tangent / min(size) * np.array([size[1], size[0]])
+    low, high = template.vertices.min(axis=0), template.vertices.max(axis=0)
+    rotation = view.rotation()
+    offset = (template.vertices - (low + high) / 2) @ rotation.T  # right, up, towards the camera
+    front = offset[:, 2].max()
+    # The vertex that comes nearest to a margin just touches it; a needle that points at the camera keeps clear.
+    fit = offset[:, 2] + (np.abs(offset[:, :2]) / (tangent * (1 - 2 * margin))).max(axis=1)
+    distance = max(fit.max(), front + 0.05 * (high - low).max())
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = -rotation @ ((low + high) / 2 + distance * rotation[2])
+    # Wide limits: the body, larger than the garment, is imaged with the same cameras.
+    near = min(distance / 20, (distance - front) / 2)
+    return Camera(view.name, matrix, perspective(tangent, near=near, far=distance * 4), size)
 
 
 def perspective(tangent: np.ndarray, near: float, far: float) -> np.ndarray:

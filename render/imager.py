@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 
 from render.cameras import Camera, frame_cameras
@@ -14,6 +15,7 @@ from render.mesh import Mesh, vertex_normals
 from render.operator import MapOperator, SparseProduct
 from render.raster import Raster, rasterize
 from render.sampling import sampling
+from render.views import ViewsSpec
 
 
 class TemplateImager:
@@ -46,7 +48,7 @@ class TemplateImager:
         cls,
         mesh: Mesh,
         *,
-        views: Sequence[str] = ("front", "back"),
+        views: ViewsSpec = ("front", "back"),
         size: tuple[int, int] = (256, 256),
         layers: int = 1,
         cameras: Sequence[Camera] | None = None,
@@ -56,7 +58,7 @@ class TemplateImager:
 
         Args:
             mesh: the template at rest, metres, y up, facing +z.
-            views: names for `frame_cameras`; not used if `cameras` is given.
+            views: as for `frame_cameras`; not used if `cameras` is given.
             size: (height, width) of the maps; not used if `cameras` is given.
             layers: how many surfaces deep each view is imaged; layers that show nothing of the template are left
                 out. Not used if `cameras` is given.
@@ -70,7 +72,7 @@ class TemplateImager:
             return cls(mesh, tuple(cameras), rasterize(mesh, cameras, backend=backend))
         framed = frame_cameras(mesh, views=views, size=size, layers=layers)
         raster = rasterize(mesh, framed, backend=backend)
-        shown = raster.mask.any(axis=(1, 2))
+        shown = np.asarray(raster.mask.any(axis=(1, 2)))
         return cls(mesh, tuple(itertools.compress(framed, shown)), raster.images(shown))
 
     def position_maps(self, vertices: torch.Tensor, box: PositionBox) -> torch.Tensor:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.options import add_clip_choice, chosen_clips
+from imgtransfer.cli.options import add_clip_choice, add_views, chosen_clips
 from render import InputError
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "source", type=Path, help="data set, clip npz, folder of them, map npz, checkpoint or run"
     )
     add_clip_choice(parser)
-    parser.add_argument("--views", default="front,back", help="views to count the coverage of")
+    add_views(parser, default=None, note="default: front,back and four, two layers deep")
     return parser
 
 
@@ -80,20 +80,21 @@ def _clips(args: argparse.Namespace) -> None:
     ]
     print(tabulate(rows, headers=headings, disable_numparse=True))
     print(f"{len(clips)} clips, {sum(clip.n_frames for clip in clips)} frames")
-    _coverage(clips, args.views.split(","))
+    _coverage(clips, args)
 
 
-def _coverage(clips: Iterable[Clip], views: list[str]) -> None:
+def _coverage(clips: Iterable[Clip], args: argparse.Namespace) -> None:
     """Print what the views see of each template that occurs."""
-    from render import Mesh, TemplateImager  # noqa: PLC0415
+    from render import Coverage, Mesh, TemplateImager  # noqa: PLC0415
 
+    views = [args.views] if args.views else ["front,back", "four"]
+    layers = args.layers or (1 if args.views else 2)
     templates = {(clip.template_vertices.tobytes(), clip.garment_faces.tobytes()): clip for clip in clips}
     for clip in templates.values():
         template = Mesh(clip.template_vertices, clip.garment_faces, f"{clip.name}: garment")
-        seen = TemplateImager.build(template, views=views).visible
-        shares = [f"{view} {100 * share:.1f} %" for view, share in zip(views, seen.mean(axis=1), strict=True)]
-        together = 100 * seen.any(axis=0).mean()
-        print(f"vertices seen of {clip.name}: {', '.join(shares)}, by any {together:.1f} %")
+        for chosen in views:
+            coverage = Coverage.of(TemplateImager.build(template, views=chosen, layers=layers))
+            print(f"vertices seen of {clip.name} by {chosen}: {coverage}")
 
 
 def _is_map_file(source: Path) -> bool:

@@ -26,6 +26,26 @@ def chosen_clips(args: argparse.Namespace, source: str) -> list[Clip]:
     return open_clips(source, split=args.split, names=args.clip)
 
 
+def add_views(
+    parser: argparse.ArgumentParser, *, default: str | None = "front,back", note: str = "default front,back"
+) -> None:
+    """Add --views (checked where it is used, by `render.parse_views`) and --layers; `note` says the default."""
+    parser.add_argument(
+        "--views",
+        default=default,
+        help="front, back, left, right, AZIMUTH/ELEVATION in degrees such as 45/20, separated by commas; or four, "
+        f"or ring:N; {note}",
+    )
+    parser.add_argument("--layers", type=at_least_one, help="how many surfaces deep each view is imaged")
+
+
+def at_least_one(text: str) -> int:
+    """A whole number from 1 on, for argparse's `type`."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"a whole number from 1 on is wanted, found '{text}'")
+    return int(text)
+
+
 def image_size(text: str) -> tuple[int, int]:
     """ "256" or "HxW" -> (height, width)."""
     parts = text.lower().split("x")

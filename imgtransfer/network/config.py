@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from imgtransfer.data.canonical import RootMode
+from render import parse_views
 
 
 class EncoderConfig(BaseModel):
@@ -46,8 +47,18 @@ class MapsConfig(BaseModel):
     size: tuple[int, int] = (256, 256)
     """(height, width), pixels."""
     views: tuple[str, ...] = ("front", "back")
+    """As `render.parse_views` reads them: a list of sides and [azimuth, elevation], or `four`, or `ring:8`."""
+    layers: int = Field(default=1, ge=1)
+    """How many surfaces deep each view is imaged; layers that show nothing of the template are left out."""
     root: RootMode = "root"
     """What of the root's rotation the canonical frame removes: all, or only the heading."""
+
+    @field_validator("views", mode="before")
+    @classmethod
+    def _known_views(cls, views: Any) -> tuple[str, ...]:
+        if not isinstance(views, str | list | tuple):
+            raise ValueError(f"views: a name or a list of views is wanted, found {views!r}")
+        return tuple(view.name for view in parse_views(views))
 
 
 class NetworkConfig(BaseModel):

@@ -67,16 +67,19 @@ class TransferModel(nn.Module):
 
     def __init__(self, *, maps: MapsConfig, network: NetworkConfig, template: Mesh, box: PositionBox) -> None:
         super().__init__()
-        self.maps, self.network, self.box = maps, network, box
-        self.position_net = TransferNet(network, maps.size, views=len(maps.views))
-        self.normal_net = TransferNet(network, maps.size, views=len(maps.views))
-        self.imager = TemplateImager.build(template, views=maps.views, size=maps.size)
+        self.imager = TemplateImager.build(template, views=maps.views, size=maps.size, layers=maps.layers)
+        images = len(self.imager.cameras)
+        # With the elevations that were chosen for the template, so that what is stored never chooses again.
+        views = tuple(camera.name for camera in self.imager.cameras if camera.layer == 0)
+        self.maps, self.network, self.box = maps.model_copy(update={"views": views}), network, box
+        self.position_net = TransferNet(network, maps.size, views=images)
+        self.normal_net = TransferNet(network, maps.size, views=images)
         vertices = torch.as_tensor(template.vertices, dtype=torch.float32)[None]
-        images = ImagePair.encode(*metric_maps(self.imager, vertices), self.imager.mask, box)
+        garment = ImagePair.encode(*metric_maps(self.imager, vertices), self.imager.mask, box)
         # Buffers, so that they move with the networks; made again from the template, so not stored.
         self.register_buffer("mask", self.imager.mask, persistent=False)
-        self.register_buffer("garment_positions", images.positions, persistent=False)
-        self.register_buffer("garment_normals", images.normals, persistent=False)
+        self.register_buffer("garment_positions", garment.positions, persistent=False)
+        self.register_buffer("garment_normals", garment.normals, persistent=False)
 
     @property
     def device(self) -> torch.device:

@@ -341,7 +341,7 @@ def mirror_partners(model: TransferModel) -> torch.Tensor:
 def test_the_mirror_needs_front_and_back(source: Path) -> None:
     data = small_config(source).model_dump(mode="json")
     data["maps"]["views"] = ["front", "left"]
-    with pytest.raises(InputError, match="front and back views only, found left"):
+    with pytest.raises(InputError, match="azimuth 0 or 180 only, such as front and back; found left"):
         Trainer(parse_config(data, "run"))
 
 
