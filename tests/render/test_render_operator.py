@@ -6,7 +6,10 @@ import pytest
 import torch
 from example_meshes import random_soup, tube, two_triangles
 
-from render import InputError, MapOperator, frame_cameras, rasterize
+from render import InputError, MapOperator, Raster, frame_cameras, rasterize
+from render.operator import SparseProduct
+
+DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
 
 
 def make(mesh, size=(24, 32), views=("front", "back")):
@@ -129,3 +132,67 @@ def test_wrong_shapes_and_types_are_refused():
         operator.adjoint(torch.zeros(2, 32, 24, 3))
     with pytest.raises(TypeError, match="float16"):
         operator(torch.zeros(240, 3, dtype=torch.float16))
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("large", [0, 10**9], ids=["frame by frame", "folded"])
+def test_frames_one_by_one_and_folded_give_the_same(monkeypatch, device, dtype, large):
+    monkeypatch.setattr("render.operator._LARGE", large)
+    mesh = tube(20, 12)
+    raster, operator = make(mesh)
+    attributes = np.random.default_rng(1).normal(size=(3, len(mesh.vertices), 6))
+    expected = np.stack([by_loop(raster, mesh.faces, frame) for frame in attributes])
+    given = torch.tensor(attributes, dtype=dtype, device=device)
+    together = given.transpose(0, 1).contiguous().transpose(0, 1)  # all frames of a vertex side by side
+    for some in (given, together):
+        images = operator(some)
+        assert images.device.type == device
+        np.testing.assert_allclose(
+            images.cpu().numpy(), expected, atol=1e-5 if dtype == torch.float32 else 1e-13
+        )
+        back = operator.adjoint(images)
+        for frame in range(3):
+            torch.testing.assert_close(back[frame], operator.adjoint(images[frame]), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_no_frames_and_no_channels_are_fine(dtype):
+    _, operator = make(tube(20, 12))
+    assert operator(torch.zeros(0, 240, 3, dtype=dtype)).shape == (0, 2, 24, 32, 3)
+    assert operator(torch.zeros(2, 240, 0, dtype=dtype)).shape == (2, 2, 24, 32, 0)
+    assert operator.adjoint(torch.zeros(0, 2, 24, 32, 3, dtype=dtype)).shape == (0, 240, 3)
+
+
+def test_a_matrix_without_entries_gives_zeros():
+    none = np.zeros(0, np.int64)
+    product = SparseProduct(none, none, np.zeros(0), (4, 3))
+    assert torch.equal(product(torch.ones(2, 3, 5)), torch.zeros(2, 4, 5))
+    assert torch.equal(product.transposed(torch.ones(4, 5)), torch.zeros(3, 5))
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_stored_raster_is_enough_without_any_gl(tmp_path, monkeypatch, device):
+    # What a machine with a GPU and no OpenGL needs: the face ids and weights, from NumPy's rasteriser or from a file.
+    monkeypatch.setattr("render.raster.open_context", None)
+    mesh = tube(20, 12)
+    drawn, operator = make(mesh)
+    np.savez(tmp_path / "raster.npz", face_id=drawn.face_id, barycentric=drawn.barycentric, depth=drawn.depth)
+    with np.load(tmp_path / "raster.npz") as stored:
+        raster = Raster(stored["face_id"], stored["barycentric"], stored["depth"], backend="numpy")
+    vertices = torch.tensor(mesh.vertices, dtype=torch.float32, device=device, requires_grad=True)
+    images = MapOperator(raster, mesh.faces, len(mesh.vertices)).to(device)(vertices)
+    assert torch.equal(images.cpu(), operator(vertices.cpu()))
+    (gradient,) = torch.autograd.grad(images.square().sum() / 2, vertices)
+    torch.testing.assert_close(gradient, operator.adjoint(images.detach().cpu()).to(device))
+
+
+def test_single_precision_gradients_are_the_adjoint_too():
+    mesh = tube(20, 12)
+    _, operator = make(mesh)
+    torch.manual_seed(0)
+    x = torch.randn(3, len(mesh.vertices), 4, requires_grad=True)
+    y = torch.randn(3, 2, 24, 32, 4)
+    (gradient,) = torch.autograd.grad((operator(x) * y).sum(), x)
+    torch.testing.assert_close(gradient, operator.adjoint(y))
+    torch.testing.assert_close((operator(x) * y).sum(), (x * operator.adjoint(y)).sum(), rtol=1e-5, atol=1e-4)
