@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-import torch
-from scipy.ndimage import distance_transform_edt
 
 from fusion.config import FusionConfig
 from fusion.fuse import FusionResult, fuse
+from render.dilation import dilate, surface_guide
 from render.encoding import decode_normals
 from render.errors import InputError
 from render.imager import TemplateImager
@@ -24,28 +24,41 @@ def fuse_maps(
     maps: MapFile,
     *,
     template: Mesh | None = None,
+    initial: np.ndarray | None = None,
+    positions_only: bool = False,
+    erode: int = 0,
+    pinned: np.ndarray | None = None,
+    pinned_positions: np.ndarray | None = None,
     body_vertices: np.ndarray | None = None,
     body_faces: np.ndarray | None = None,
-    positions_only: bool = False,
+    under_vertices: np.ndarray | None = None,
+    under_faces: np.ndarray | None = None,
     config: FusionConfig | None = None,
-    device: str | torch.device = "cpu",
+    device: str = "cpu",
+    history: bool = False,
     progress: Callable[[int], object] | None = None,
 ) -> FusionResult:
-    """Recover the garment from a map file, in the canonical frame of its maps.
+    """Recover the garment from a map file. Everything is in the canonical frame of its maps.
 
     Args:
-        maps: T frames of encoded maps; positions are needed, normals are used where there are any.
+        maps: T frames of encoded maps from S views; the confidence in it is used.
         template: in place of the one in the file; same number of vertices, same silhouette.
-        body_vertices: (T, B, 3) metres, in the maps' canonical frame.
-        body_faces: (G, 3) integers.
+        initial: (T, N, 3) metres, vertices to start from; position maps are then neither needed nor used.
         positions_only: leave the normal maps out.
-        config, device, progress: as for `fuse`.
+        erode: how many pixels along the outline not to trust, because they are blurred with the background.
+            Values from inside are grown over them, and over pixels of the template that the maps' mask lacks.
+        pinned, pinned_positions: (P,) vertices that stay in place, and (T, P, 3) metres, where.
+        body_vertices, body_faces: (T, B, 3) metres and (G, 3); the garment is kept out of it.
+        under_vertices, under_faces: (T, M, 3) metres and (K, 3), another garment worn beneath.
+        config, device, history, progress: as for `fuse`.
 
     Raises:
-        InputError: no position maps, a template that does not fit the maps, or what `fuse` refuses.
+        InputError: nothing to start from, a template that does not fit the maps, or what `fuse` refuses.
     """
-    if maps.position is None:
-        raise InputError("maps: no position maps to start from, only normals; add `position` to the file")
+    if maps.position is None and initial is None:
+        raise InputError(
+            "maps: no position maps to start from, only normals; add `position` to the file, or give initial vertices"
+        )
     template = template or maps.template
     if len(template.vertices) != len(maps.template_vertices):
         raise InputError(
@@ -53,33 +66,52 @@ def fuse_maps(
             f"of {len(maps.template_vertices)}; give the mesh that they were made with"
         )
     imager = TemplateImager.build(template, cameras=maps.cameras)
-    needed = imager.mask.numpy()
-    missing = float((needed & ~maps.mask).sum() / needed.sum())
-    if missing > _TOLERATED:
+    grown = _Grown(imager, maps.mask, erode)
+    positions = maps.position if initial is None else None
+    normals = None if positions_only else maps.normal
+    imaged = positions is not None or normals is not None
+    if not imaged and body_vertices is None and under_vertices is None:
         raise InputError(
-            f"{template.source}: {100 * missing:.1f} % of its pixels lie outside the maps' silhouette; "
-            "give the mesh that the maps were made with"
+            "maps: initial vertices replace the position maps and there are no normals: nothing to fuse"
         )
-    normal = None if positions_only or maps.normal is None else _filled(maps.normal, maps.mask, needed)
-    return fuse(
-        imager,
-        positions=maps.box.decode(_filled(maps.position, maps.mask, needed)),
-        normals=None if normal is None else decode_normals(normal),
-        body_vertices=body_vertices,
-        body_faces=body_faces,
-        config=config,
-        device=device,
-        progress=progress,
-    )
+    given: dict[str, Any] = {
+        "positions": None if positions is None else maps.box.decode(grown(positions)),
+        "normals": None if normals is None else decode_normals(grown(normals)),
+        "initial": initial,
+        "confidence": getattr(maps, "confidence", None) if imaged else None,
+        "pinned": pinned,
+        "pinned_positions": pinned_positions,
+        "body_vertices": body_vertices,
+        "body_faces": body_faces,
+        "under_vertices": under_vertices,
+        "under_faces": under_faces,
+        "history": history or None,
+    }
+    given = {name: value for name, value in given.items() if value is not None}
+    return fuse(imager, **given, config=config, device=device, progress=progress)
 
 
-def _filled(images: np.ndarray, mask: np.ndarray, needed: np.ndarray) -> np.ndarray:
-    """Images (T, S, H, W, C); pixels in `needed` but not in `mask` get the value of the nearest in `mask`."""
-    if not (needed & ~mask).any():
-        return images
-    filled = images.copy()
-    for view, covered in enumerate(mask):
-        rows, columns = np.nonzero(needed[view] & ~covered)
-        nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)
-        filled[:, view, rows, columns] = images[:, view][:, *nearest[:, rows, columns]]
-    return filled
+class _Grown:
+    """Images (T, S, H, W, C) with values wherever the template has pixels.
+
+    Raises:
+        InputError: the maps' silhouette is not that of the template, or `erode` is below 0.
+    """
+
+    def __init__(self, imager: TemplateImager, mask: np.ndarray, erode: int) -> None:
+        needed = imager.mask.numpy()
+        missing = float((needed & ~mask).sum() / needed.sum())
+        if missing > _TOLERATED:
+            raise InputError(
+                f"{imager.mesh.source}: {100 * missing:.1f} % of its pixels lie outside the maps' silhouette; "
+                "give the mesh that the maps were made with"
+            )
+        if erode < 0:
+            raise InputError(f"erode is {erode}; pixels are counted from 0")
+        self._mask, self._erode = mask, erode
+        self._guide = surface_guide(imager) if erode or missing else None
+
+    def __call__(self, images: np.ndarray) -> np.ndarray:
+        if self._guide is None:
+            return images
+        return dilate(images, self._mask, erode=self._erode, guide=self._guide)

@@ -1,34 +1,57 @@
-"""Map files and their bodies into fused vertices on disk: what stands behind `imgtransfer fuse`."""
+"""Map files and what belongs to them into fused vertices on disk: what stands behind `imgtransfer fuse`."""
 
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from fusion import FusionConfig
 from fusion.run import fuse_maps
 from imgtransfer.data.canonical import RootFrames
-from imgtransfer.data.clip import REQUIRED, Clip, load_clip, save_clip
-from imgtransfer.predictions import FUSED_FILE, MESHES_FOLDER, REPORT_FILE
-from render import InputError, MapFile, Mesh
-from render.files import written_whole, written_whole_folder
-from render.mesh import check_faces, check_finite
+from imgtransfer.data.clip import load_clip, save_clip
+from imgtransfer.data.mesh_output import MeshKind, save_mesh_frames
+from imgtransfer.moving import Moving, Pins
+from imgtransfer.predictions import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REPORT_FILE
+from render import InputError, MapFile, Mesh, write_png
+from render.files import written_whole
 
 
-@dataclass(frozen=True, eq=False)
-class Body:
-    """A body in motion: faces (G, 3), vertices (T, B, 3) float32, metres, world; `clip` where it came from one."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Given:
+    """What a map file may be fused with, in world coordinates, metres.
 
-    faces: np.ndarray
-    vertices: np.ndarray
-    clip: Clip | None = None
+    Args:
+        template: in place of the map file's.
+        initial: garment to start from in place of the position maps; T frames.
+        body: what the garment must stay outside of; T frames.
+        under: another garment, worn beneath; T frames.
+        pins: vertices that stay in place.
+    """
+
+    template: Mesh | None = None
+    initial: Moving | None = None
+    body: Moving | None = None
+    under: Moving | None = None
+    pins: Pins | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ways:
+    """How to fuse: the choices that, with the maps, decide the result. Arguments as for `fusion.run.fuse_maps`."""
+
+    config: FusionConfig
+    positions_only: bool = False
+    erode: int = 0
+
+    def as_text(self) -> str:
+        """One line, for results to say what they were made with."""
+        choices = {"positions_only": self.positions_only, "erode": self.erode}
+        return json.dumps(self.config.model_dump() | choices, sort_keys=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,99 +61,101 @@ class Fused:
     template: Mesh
     vertices: np.ndarray
     fps: float
-    body: Body | None
+    body: Moving | None
+    ways: Ways
     report: dict[str, Any]
-
-
-def load_body(path: Path) -> Body:
-    """Read an npz that holds at least body_faces (G, 3) and body_vertices (T, B, 3); a clip npz will do.
-
-    Raises:
-        InputError: no such file, a damaged one, or arrays that are missing or of a wrong shape.
-    """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; an npz with body_faces and body_vertices is wanted")
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            is_clip = set(REQUIRED) - {"garment_vertices"} <= set(stored.files)
-            wanted = () if is_clip else ("body_faces", "body_vertices")
-            body = {name: stored[name] for name in wanted if name in stored.files}
-    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
-    if is_clip:
-        clip = load_clip(path)
-        return Body(clip.body_faces, clip.body_vertices, clip)
-    missing = [name for name in ("body_faces", "body_vertices") if name not in body]
-    if missing:
-        raise InputError(f"{path}: lacks {' and '.join(missing)}; the body needs both")
-    faces, vertices = body["body_faces"], body["body_vertices"]
-    if vertices.ndim != 3 or vertices.shape[2] != 3:
-        raise InputError(
-            f"{path}: body_vertices must have shape (frames, vertices, 3), found {vertices.shape}"
-        )
-    check_faces(faces, vertices.shape[1], f"{path}: body_faces")
-    check_finite(vertices, f"{path}: body_vertices")
-    return Body(faces, vertices)
 
 
 def fused(
     maps: MapFile,
-    body: Body | None = None,
+    given: Given,
+    ways: Ways,
     *,
-    template: Mesh | None = None,
-    config: FusionConfig,
-    positions_only: bool = False,
     device: str = "cpu",
+    history: bool = False,
     progress: Callable[[int], object] | None = None,
 ) -> Fused:
-    """Fuse a map file, outside the body if there is one, and put the canonical frames back.
+    """Fuse a map file in its canonical frames, and put these back.
 
     Raises:
-        InputError: a body of another number of frames, or what `fuse_maps` refuses.
+        InputError: something given has another number of frames, or what `fuse_maps` refuses.
     """
-    frames = RootFrames(maps.rotation, maps.translation)
-    if body is not None and len(body.vertices) != len(maps.rotation):
-        raise InputError(
-            f"body_vertices must have {len(maps.rotation)} frames, as the maps have {len(maps.rotation)}; "
-            f"found {len(body.vertices)}"
-        )
-    template = template or maps.template
+    frames, n_frames = RootFrames(maps.rotation, maps.translation), len(maps.rotation)
+    canonical: dict[str, Any] = {}
+    for name in ("body", "under", "initial"):
+        moving = getattr(given, name)
+        if moving is None:
+            continue
+        if len(moving.vertices) != n_frames:
+            raise InputError(
+                f"--{name}: {n_frames} frames are wanted, as the maps have {n_frames}; found {len(moving.vertices)}"
+            )
+        vertices = frames.to_canonical(moving.vertices)
+        if name == "initial":
+            canonical["initial"] = vertices
+        else:
+            canonical |= {f"{name}_vertices": vertices, f"{name}_faces": moving.faces}
+    if given.pins is not None:
+        positions = given.pins.over(n_frames)
+        canonical["pinned"] = given.pins.indices
+        canonical["pinned_positions"] = None if positions is None else frames.to_canonical(positions)
+    template = given.template or _with_look(maps.template, given.body)
     result = fuse_maps(
         maps,
         template=template,
-        body_vertices=frames.to_canonical(body.vertices) if body else None,
-        body_faces=body.faces if body else None,
-        positions_only=positions_only,
-        config=config,
+        positions_only=ways.positions_only,
+        erode=ways.erode,
+        **canonical,
+        config=ways.config,
         device=device,
+        history=history,
         progress=progress,
     )
-    report = result.report | {"positions_only": positions_only, "config": config.model_dump()}
-    return Fused(template, frames.to_world(result.vertices), maps.fps, body, report)
+    made = {"positions_only": ways.positions_only, "erode": ways.erode, "config": ways.config.model_dump()}
+    vertices = frames.to_world(result.vertices)
+    return Fused(template, vertices, maps.fps, given.body, ways, result.report | made)
 
 
-def save_fused(folder: Path, result: Fused, *, meshes: str | None = None) -> None:
-    """Write the report, the meshes if asked for ("obj", "ply"), and last fused.npz; each whole or not at all.
+def _with_look(template: Mesh, body: Moving | None) -> Mesh:
+    """The template with the texture coordinates and numbering of the body's clip, if that is of the same garment."""
+    clip = body.clip if body is not None else None
+    if clip is None or not np.array_equal(clip.garment_faces, template.faces):
+        return template
+    return replace(template, surface=clip.surface)
 
-    fused.npz is the body's clip with the fused garment, and says how it was fused (`fused_as`). Without a clip it holds
-    the garment's arrays, and those of the body if there is one.
+
+def save_fused(folder: Path, result: Fused, *, meshes: MeshKind | None = None) -> None:
+    """Write the report, its picture if it has a history, the meshes if asked for, and last fused.npz.
+
+    Each appears whole or not at all. fused.npz is the body's clip with the fused garment, and says how it was fused
+    (`fused_as`). Without a clip it holds the garment's arrays, and those of the body if there is one.
     """
+    if "history" in result.report:
+        from imgtransfer.report.fusion_history import history_picture  # noqa: PLC0415
+
+        write_png(folder / HISTORY_FILE, history_picture(result.report["history"], result.ways.config))
+    else:
+        (folder / HISTORY_FILE).unlink(missing_ok=True)
     with written_whole(folder / REPORT_FILE) as temporary:
         temporary.write_text(json.dumps(result.report, indent=2) + "\n")
     if meshes:
-        save_meshes(folder, result.vertices, result.template.faces, meshes)
+        save_mesh_frames(folder / MESHES_FOLDER, result.vertices, result.template, meshes)
     template = np.asarray(result.template.vertices, np.float32)
     faces, vertices, body = result.template.faces, result.vertices, result.body
     if body is not None and body.clip is not None:
-        made = settings(result.report["config"], result.report["positions_only"])
         clip = replace(
             body.clip,
             template_vertices=template,
             garment_faces=faces,
             garment_vertices=vertices,
-            info=body.clip.info | {"fusion": made},
+            original_faces=None,  # these and the next are those of the clip's own garment, which may be another one
+            original_vertices=None,
+            uvs=None,
+            uv_faces=None,
+            face_materials=None,
+            info=body.clip.info | {"fusion": result.ways.as_text()},
         )
-        save_clip(folder / FUSED_FILE, clip)
+        save_clip(folder / FUSED_FILE, clip.with_surface(result.template.surface))
         return
     arrays: dict[str, Any] = {
         "template_vertices": template,
@@ -143,21 +168,8 @@ def save_fused(folder: Path, result: Fused, *, meshes: str | None = None) -> Non
         np.savez_compressed(temporary, fps=np.float64(result.fps), **arrays)
 
 
-def save_meshes(folder: Path, vertices: np.ndarray, faces: np.ndarray, kind: str) -> None:
-    """Write one mesh file a frame of vertices (T, N, 3) to the folder of meshes, which is replaced as a whole."""
-    with written_whole_folder(folder / MESHES_FOLDER) as temporary:
-        for number, frame in enumerate(vertices):
-            mesh = trimesh.Trimesh(frame, faces, process=False)
-            mesh.export(temporary / f"frame_{number:04d}.{kind}")
-
-
-def settings(config: dict[str, Any], positions_only: bool) -> str:
-    """One line for what decides the result of a fusion besides the maps; `config` is a dumped `FusionConfig`."""
-    return json.dumps(config | {"positions_only": positions_only}, sort_keys=True)
-
-
 def fused_as(path: Path) -> str | None:
-    """The settings that a fused.npz was made with; None where it is missing, damaged or does not say."""
+    """`Ways.as_text` of what a fused.npz was made with; None where it is missing, damaged or does not say."""
     try:
         return load_clip(path).info.get("fusion")
     except InputError:

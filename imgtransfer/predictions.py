@@ -8,8 +8,8 @@ from render import InputError
 
 METHODS = ("fused", "position_only")  # of vertices, the better first; each a clip npz METHOD.npz
 FUSED_FILE, POSITION_ONLY_FILE = (f"{method}.npz" for method in METHODS)
-MAPS_FILE, REPORT_FILE, MESHES_FOLDER = "maps.npz", "fusion.json", "meshes"
-WRITTEN = frozenset({MAPS_FILE, POSITION_ONLY_FILE, FUSED_FILE, REPORT_FILE, MESHES_FOLDER})
+MAPS_FILE, REPORT_FILE, HISTORY_FILE, MESHES_FOLDER = "maps.npz", "fusion.json", "history.png", "meshes"
+WRITTEN = frozenset({MAPS_FILE, POSITION_ONLY_FILE, FUSED_FILE, REPORT_FILE, HISTORY_FILE, MESHES_FOLDER})
 
 
 def folders_in(path: Path) -> list[Path]:

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 from imgtransfer.predictions import (
     FUSED_FILE,
+    HISTORY_FILE,
     MAPS_FILE,
+    MESHES_FOLDER,
     POSITION_ONLY_FILE,
     REPORT_FILE,
     check_replaceable,
@@ -18,9 +20,9 @@ from imgtransfer.predictions import (
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from fusion import FusionConfig
-    from imgtransfer.fusing import Body, Fused
-    from render import Mesh
+    from imgtransfer.fusing import Fused, Given, Ways
+
+SINGLE = ("out", "template", "initial", "body", "under", "pins")  # options of the form with --maps
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -32,7 +34,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         description=f"Recovers the garment's vertices and writes them, in world coordinates, to {FUSED_FILE}, with "
         f"the report {REPORT_FILE}. For PREDICTIONS they are put beside the maps of each clip; clips that are fused "
         "with the same settings already are left as they are, so a stopped run goes on. With --maps, one map file "
-        "of any program is fused.",
+        "of any program is fused; docs/fusion.md goes through an example, docs/maps.md describes the file.",
     )
     parser.add_argument(
         "predictions",
@@ -43,36 +45,77 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--overwrite", action="store_true", help="fuse clips again that are fused already")
     parser.add_argument("--config", type=Path, help="YAML with the fusion's hyper-parameters that differ")
+    parser.add_argument(
+        "--solver",
+        choices=("local_global", "adam"),
+        help="in place of the configuration's: local_global (fast), or adam (the paper's schedule)",
+    )
     parser.add_argument("--positions-only", action="store_true", help="leave the normal maps out")
+    parser.add_argument(
+        "--erode",
+        type=int,
+        default=0,
+        metavar="PIXELS",
+        help="how many pixels along the maps' outlines not to trust, where they are blurred with the background; "
+        "default 0",
+    )
     parser.add_argument("--meshes", choices=("obj", "ply"), help="also write one mesh file a frame")
+    parser.add_argument(
+        "--history",
+        action="store_true",
+        help=f"also report every term at every iteration, and draw the curves: {HISTORY_FILE}",
+    )
     parser.add_argument(
         "--device", default="cpu", help="torch device that computes: cpu or cuda; default cpu"
     )
-    single = parser.add_argument_group("one map file, in place of PREDICTIONS")
-    single.add_argument("--maps", type=Path, metavar="FILE", help="map file, npz")
-    single.add_argument("--out", type=Path, metavar="DIR", help="folder for the results")
-    single.add_argument("--template", type=Path, help="mesh in place of the map file's template")
-    single.add_argument(
+    _add_single(parser.add_argument_group("one map file, in place of PREDICTIONS"))
+    return parser
+
+
+def _add_single(group: argparse._ArgumentGroup) -> None:
+    """Options that only go with --maps. Everything is in world coordinates, metres."""
+    group.add_argument("--maps", type=Path, metavar="FILE", help="map file")
+    group.add_argument("--out", type=Path, metavar="DIR", help="folder for the results")
+    group.add_argument("--template", type=Path, help="mesh in place of the map file's template")
+    group.add_argument(
         "--body",
         type=Path,
-        help="npz with body_faces and body_vertices (frames, vertices, 3) in world coordinates, metres; "
-        "a clip npz will do. The garment is then kept out of the body",
+        help="what the garment is kept out of: npz with body_faces and body_vertices (frames, vertices, 3), a clip "
+        "npz, a mesh file for one frame, or a folder of them",
     )
-    return parser
+    group.add_argument(
+        "--initial",
+        type=Path,
+        help="garment to start from in place of the position maps: npz with garment_faces and garment_vertices, a "
+        "clip npz, a mesh file for one frame, or a folder of them",
+    )
+    group.add_argument(
+        "--under", type=Path, help="another garment, worn beneath, to stay outside of; files as for --initial"
+    )
+    group.add_argument(
+        "--pins",
+        type=Path,
+        help="vertices that stay in place: a text file of their numbers, counted from 0, or an npz with indices (P,) "
+        "and, to say where, positions (P, 3) or (frames, P, 3)",
+    )
 
 
 def run(args: argparse.Namespace) -> None:
     """Fuse one map file, or every clip of a prediction."""
     from fusion.config import FusionConfig, load_config  # noqa: PLC0415
+    from imgtransfer.fusing import Ways  # noqa: PLC0415
 
     _check_form(args)
     _check_device(args.device)
     config = load_config(args.config) if args.config else FusionConfig()
+    if args.solver:
+        config = FusionConfig.model_validate(config.model_dump() | {"solver": args.solver})
+    ways = Ways(config=config, positions_only=args.positions_only, erode=args.erode)
     if args.maps is not None:
-        _fuse_file(args, config)
+        _fuse_file(args, ways)
         return
     for folder in predicted_clips(args.predictions):
-        _fuse_predicted(folder, args, config)
+        _fuse_predicted(folder, args, ways)
     print(f"next     imgtransfer evaluate {quote(str(args.predictions))} --truth SOURCE")
 
 
@@ -80,8 +123,10 @@ def _check_form(args: argparse.Namespace) -> None:
     """Raise InputError unless the arguments are those of one form."""
     if (args.predictions is None) == (args.maps is None):
         raise InputError("fuse: give either PREDICTIONS or --maps FILE --out DIR")
+    if args.erode < 0:
+        raise InputError(f"--erode {args.erode}: a whole number of pixels from 0 is wanted")
     if args.maps is None:
-        for option in ("out", "template", "body"):
+        for option in SINGLE:
             if getattr(args, option) is not None:
                 raise InputError(f"fuse: --{option} goes with --maps; PREDICTIONS have that in their folders")
     elif args.out is None:
@@ -100,50 +145,52 @@ def _check_device(device: str) -> None:
         raise InputError(f"--device {device}: not usable here ({reason}); use cpu") from error
 
 
-def _fuse_file(args: argparse.Namespace, config: FusionConfig) -> None:
+def _fuse_file(args: argparse.Namespace, ways: Ways) -> None:
     """Fuse --maps; the folder --out appears whole or not at all."""
-    from imgtransfer.fusing import load_body, save_fused  # noqa: PLC0415
+    from imgtransfer.fusing import Given, save_fused  # noqa: PLC0415
+    from imgtransfer.moving import load_moving, load_pins  # noqa: PLC0415
+    from imgtransfer.report.fusion_history import fusion_table  # noqa: PLC0415
     from render import load_mesh  # noqa: PLC0415
     from render.files import written_whole_folder  # noqa: PLC0415
 
     check_replaceable(args.out, "--out")
-    body = load_body(args.body) if args.body else None
-    result = _fused(args.maps, body, args, config, load_mesh(args.template) if args.template else None)
+    given = Given(
+        template=load_mesh(args.template) if args.template else None,
+        initial=load_moving(args.initial, "garment") if args.initial else None,
+        body=load_moving(args.body, "body") if args.body else None,
+        under=load_moving(args.under, "garment") if args.under else None,
+        pins=load_pins(args.pins) if args.pins else None,
+    )
+    result = _fused(args.maps, given, args, ways)
     with written_whole_folder(args.out) as folder:
         save_fused(folder, result, meshes=args.meshes)
-    _say(args.out, result)
+    print(fusion_table(result.report))
+    print(f"results  {args.out}: {', '.join(sorted(entry.name for entry in args.out.iterdir()))}")
 
 
-def _fuse_predicted(folder: Path, args: argparse.Namespace, config: FusionConfig) -> None:
+def _fuse_predicted(folder: Path, args: argparse.Namespace, ways: Ways) -> None:
     """Fuse one clip's folder, unless that was done with these settings since it was predicted."""
     from imgtransfer.data.clip import load_clip  # noqa: PLC0415
-    from imgtransfer.fusing import fused_as, load_body, save_fused, save_meshes, settings  # noqa: PLC0415
+    from imgtransfer.data.mesh_output import save_mesh_frames  # noqa: PLC0415
+    from imgtransfer.fusing import Given, fused_as, save_fused  # noqa: PLC0415
+    from imgtransfer.moving import load_moving  # noqa: PLC0415
 
     maps, target = folder / MAPS_FILE, folder / FUSED_FILE
     newer = target.is_file() and target.stat().st_mtime_ns >= maps.stat().st_mtime_ns
-    if (
-        newer
-        and not args.overwrite
-        and fused_as(target) == settings(config.model_dump(), args.positions_only)
-    ):
+    drawn = (folder / HISTORY_FILE).is_file() or not args.history
+    if newer and drawn and not args.overwrite and fused_as(target) == ways.as_text():
         print(f"{folder}  fused with these settings already; --overwrite does it again")
         if args.meshes:
             clip = load_clip(target)
             assert clip.garment_vertices is not None
-            save_meshes(folder, clip.garment_vertices, clip.garment_faces, args.meshes)
+            save_mesh_frames(folder / MESHES_FOLDER, clip.garment_vertices, clip.template, args.meshes)
         return
-    result = _fused(maps, load_body(folder / POSITION_ONLY_FILE), args, config)
+    result = _fused(maps, Given(body=load_moving(folder / POSITION_ONLY_FILE, "body")), args, ways)
     save_fused(folder, result, meshes=args.meshes)
-    _say(folder, result)
+    print(f"{folder}  {result.report['frames']} frames, {result.report['seconds']:.1f} s")
 
 
-def _fused(
-    path: Path,
-    body: Body | None,
-    args: argparse.Namespace,
-    config: FusionConfig,
-    template: Mesh | None = None,
-) -> Fused:
+def _fused(path: Path, given: Given, args: argparse.Namespace, ways: Ways) -> Fused:
     """Read and fuse one map file, with a bar."""
     from tqdm import tqdm  # noqa: PLC0415
 
@@ -154,20 +201,7 @@ def _fused(
     name = path.parent.name if path.name == MAPS_FILE else path.stem
     with tqdm(total=len(maps.rotation), desc=name, unit="frame", leave=False, disable=None) as bar:
         try:
-            return fused(
-                maps,
-                body,
-                template=template,
-                config=config,
-                positions_only=args.positions_only,
-                device=args.device,
-                progress=bar.update,
-            )
+            return fused(maps, given, ways, device=args.device, history=args.history, progress=bar.update)
         except InputError as error:
             bar.close()
             raise InputError(f"{path}: {error}") from error
-
-
-def _say(folder: Path, result: Fused) -> None:
-    report = result.report
-    print(f"{folder}  {report['frames']} frames, {report['seconds']:.1f} s")

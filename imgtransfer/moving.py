@@ -1,0 +1,172 @@
+"""Surfaces in motion and pinned vertices, from whatever files people have them in."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from imgtransfer.data.clip import REQUIRED, Clip, load_clip
+from render import InputError, load_mesh
+from render.mesh import check_faces, check_finite
+from render.meshio import SUFFIXES
+
+Kind = Literal["body", "garment"]
+
+
+@dataclass(frozen=True, eq=False)
+class Moving:
+    """A surface in motion.
+
+    Args:
+        faces: (G, 3) integers.
+        vertices: (T, B, 3), metres, world coordinates.
+        clip: where it came from a clip.
+    """
+
+    faces: np.ndarray
+    vertices: np.ndarray
+    clip: Clip | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Pins:
+    """Vertices that the fusion must not move.
+
+    Args:
+        indices: (P,) int64, counted from 0.
+        positions: (P, 3), or (T, P, 3) for other places in each frame; metres, world coordinates. None: they stay
+            where they start.
+    """
+
+    indices: np.ndarray
+    positions: np.ndarray | None = None
+
+    def over(self, frames: int) -> np.ndarray | None:
+        """Positions (T, P, 3).
+
+        Raises:
+            InputError: positions of another number of frames.
+        """
+        if self.positions is None or self.positions.ndim == 3:
+            if self.positions is not None and len(self.positions) != frames:
+                raise InputError(
+                    f"pins: positions of {len(self.positions)} frames, but the maps have {frames}; give as many, or "
+                    "(P, 3) for all frames"
+                )
+            return self.positions
+        return np.broadcast_to(self.positions, (frames, *self.positions.shape))
+
+
+def load_moving(path: Path, kind: Kind) -> Moving:
+    """Read a body or a garment in motion.
+
+    Args:
+        path: a clip npz, or an npz with `<kind>_faces` (G, 3) and `<kind>_vertices` (T, B, 3); or one mesh file for a
+            single frame; or a folder of mesh files, a frame each, ordered by name.
+        kind: which of a clip's surfaces, and what the arrays are called.
+
+    Raises:
+        InputError: no such file, a damaged one, or arrays that are missing or of a wrong shape.
+    """
+    if path.is_dir():
+        return _from_meshes(path)
+    if path.suffix.lower() in SUFFIXES:
+        mesh = load_mesh(path)
+        return Moving(mesh.faces, mesh.vertices[None].astype(np.float32))
+    names = (f"{kind}_faces", f"{kind}_vertices")
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such file; wanted is an npz with {' and '.join(names)}, or mesh files ({', '.join(SUFFIXES)})"
+        )
+    found = _arrays(path)
+    if set(REQUIRED) - {"garment_vertices"} <= set(found):
+        clip = load_clip(path)
+        vertices = clip.body_vertices if kind == "body" else clip.garment_vertices
+        if vertices is None:
+            raise InputError(f"{path}: this clip has no garment_vertices, only a body")
+        return Moving(clip.body_faces if kind == "body" else clip.garment_faces, vertices, clip)
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise InputError(f"{path}: lacks {' and '.join(missing)}; a {kind} in motion needs both")
+    faces, vertices = (found[name] for name in names)
+    if vertices.ndim != 3 or vertices.shape[2] != 3:
+        raise InputError(f"{path}: {names[1]} must have shape (frames, vertices, 3), found {vertices.shape}")
+    check_faces(faces, vertices.shape[1], f"{path}: {names[0]}")
+    check_finite(vertices, f"{path}: {names[1]}")
+    return Moving(faces, vertices)
+
+
+def load_pins(path: Path) -> Pins:
+    """Read which vertices to pin.
+
+    Args:
+        path: an npz with `indices` (P,) and, if wanted, `positions` (P, 3) or (T, P, 3); or a text file with vertex
+            numbers, separated by blanks, commas, semicolons or lines; # begins a remark. Counted from 0.
+
+    Raises:
+        InputError: no such file, or nothing usable in it.
+    """
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such file; wanted is an npz with indices, or a text file of vertex numbers"
+        )
+    if path.suffix.lower() != ".npz":
+        return Pins(_numbers(path))
+    found = _arrays(path)
+    if "indices" not in found:
+        raise InputError(f"{path}: lacks indices, the numbers of the pinned vertices, counted from 0")
+    indices, positions = found["indices"], found.get("positions")
+    if indices.ndim != 1 or indices.dtype.kind not in "iu":
+        raise InputError(f"{path}: indices must be whole numbers (P,), found {indices.dtype} {indices.shape}")
+    if positions is not None:
+        if positions.shape[-2:] != (len(indices), 3) or positions.ndim not in (2, 3):
+            raise InputError(
+                f"{path}: positions must have shape ({len(indices)}, 3) or (frames, {len(indices)}, 3), "
+                f"found {positions.shape}"
+            )
+        check_finite(positions, f"{path}: positions")
+    return Pins(indices.astype(np.int64), positions)
+
+
+def _from_meshes(folder: Path) -> Moving:
+    files = sorted(entry for entry in folder.iterdir() if entry.suffix.lower() in SUFFIXES)
+    if not files:
+        raise InputError(f"{folder}: no mesh file in it ({', '.join(SUFFIXES)})")
+    meshes = [load_mesh(file) for file in files]
+    first = meshes[0]
+    for mesh in meshes:
+        if mesh.vertices.shape != first.vertices.shape or not np.array_equal(mesh.faces, first.faces):
+            raise InputError(
+                f"{mesh.source}: {len(mesh.vertices)} vertices and {len(mesh.faces)} faces; every frame must have "
+                f"those of {first.source}, {len(first.vertices)} and {len(first.faces)}, in the same order"
+            )
+    return Moving(first.faces, np.stack([mesh.vertices for mesh in meshes]).astype(np.float32))
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
+
+
+def _numbers(path: Path) -> np.ndarray:
+    try:
+        lines = path.read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as text ({error})") from error
+    found: list[int] = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split("#", 1)[0].replace(",", " ").replace(";", " ").split()
+        bad = [word for word in words if not word.isdecimal()]
+        if bad:
+            raise InputError(f"{path}: line {number}: vertex numbers from 0 are wanted, found '{bad[0]}'")
+        found += [int(word) for word in words]
+    if not found:
+        raise InputError(f"{path}: no vertex numbers in it")
+    return np.array(found, np.int64)
