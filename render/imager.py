@@ -11,7 +11,8 @@ import torch
 from render.cameras import Camera, frame_cameras
 from render.encoding import PositionBox, encode_normals
 from render.errors import InputError
-from render.mesh import Mesh, vertex_normals
+from render.mesh import Mesh
+from render.normals import VertexNormals
 from render.operator import MapOperator, SparseProduct
 from render.raster import Raster, rasterize
 from render.sampling import sampling
@@ -40,6 +41,7 @@ class TemplateImager:
         self.faces = torch.from_numpy(mesh.faces)
         self.operator = MapOperator(raster, mesh.faces, len(mesh.vertices))
         self.mask = self.operator.mask
+        self._normals = VertexNormals(mesh.faces, len(mesh.vertices))
         self._sampler: SparseProduct
         self._sampler, self.visible = sampling(mesh, cameras, raster)
 
@@ -86,7 +88,20 @@ class TemplateImager:
         Interpolated between the vertices and not scaled to unit length again, so the map is linear in the
         normals.
         """
-        return self.operator(encode_normals(vertex_normals(vertices, self.faces.to(vertices.device))))
+        return self.operator(encode_normals(self._normals(vertices)))
+
+    def maps(self, vertices: torch.Tensor, box: PositionBox) -> tuple[torch.Tensor, torch.Tensor]:
+        """Position and normal maps by one product, in little more time than either of them takes.
+
+        Args:
+            vertices: (..., N, 3) metres.
+            box: the position box.
+
+        Returns:
+            What `position_maps` and `normal_maps` give, as views of one (..., S, H, W, 6) tensor.
+        """
+        images = self.operator(torch.cat([box.encode(vertices), encode_normals(self._normals(vertices))], -1))
+        return images[..., :3], images[..., 3:]
 
     def sample(self, images: torch.Tensor) -> torch.Tensor:
         """Values of images at each vertex's projection, one reading per view, differentiable in the images.

@@ -197,3 +197,11 @@ def test_images_of_another_size_are_refused(imager):
         imager.sample(torch.zeros(2, 96, 128, 3))
     with pytest.raises(InputError, match="images must have shape"):
         imager.sample(torch.zeros(1, 128, 96, 3))
+
+
+def test_both_kinds_of_maps_together_are_those_made_apart(imager):
+    vertices = torch.tensor(imager.mesh.vertices).expand(2, -1, -1) * torch.tensor([1.0, 1.1, 0.9])
+    box = PositionBox.around(vertices.numpy())
+    positions, normals = imager.maps(vertices, box)
+    torch.testing.assert_close(positions, imager.position_maps(vertices, box), rtol=0, atol=1e-14)
+    torch.testing.assert_close(normals, imager.normal_maps(vertices), rtol=0, atol=1e-14)
