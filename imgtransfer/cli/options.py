@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.data.clip import Clip
+    from imgtransfer.data.source import ClipRef
+    from imgtransfer.running import Executor
 
 
 def add_clip_choice(parser: argparse.ArgumentParser) -> None:
@@ -17,6 +20,25 @@ def add_clip_choice(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--clip", action="append", metavar="GLOB", help="only clips whose name matches; may be given again"
     )
+
+
+def add_runner(parser: argparse.ArgumentParser) -> None:
+    """Add --workers and --ray, which say where the work on many clips is done."""
+    group = parser.add_argument_group("many clips")
+    group.add_argument("--workers", type=int, default=1, help="processes on this machine; default 1")
+    group.add_argument(
+        "--ray",
+        metavar="ADDRESS",
+        help="a Ray cluster in place of processes: HOST:PORT, or auto for the one that this machine belongs to; "
+        "all machines must see the files at the same path or URL",
+    )
+
+
+def chosen_executor(args: argparse.Namespace) -> Executor:
+    """Where --workers and --ray put the work."""
+    from imgtransfer.running import executor_for  # noqa: PLC0415
+
+    return executor_for(workers=args.workers, ray=args.ray)
 
 
 def chosen_clips(args: argparse.Namespace, source: str) -> list[Clip]:
@@ -44,6 +66,13 @@ def at_least_one(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"a whole number from 1 on is wanted, found '{text}'")
     return int(text)
+
+
+def chosen_refs(args: argparse.Namespace, source: str | Path) -> list[ClipRef]:
+    """The clips of `source` that --split and --clip choose, not read yet."""
+    from imgtransfer.data.source import clip_refs  # noqa: PLC0415
+
+    return clip_refs(source, split=args.split, names=args.clip)
 
 
 def image_size(text: str) -> tuple[int, int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from imgtransfer.cli.options import add_runner, chosen_executor
 from render import InputError
 
 
@@ -13,7 +14,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = subparsers.add_parser(
         "simulate",
         help="simulate a T-shirt on the Anny body for a list of motions",
-        description="Clips that the data set holds already are left as they are, so a stopped run goes on.",
+        description="Clips that the data set holds already are left as they are, so a stopped run goes on. Those that "
+        "fail their quality gates are listed in the data set, and tried again only with other settings.",
     )
     parser.add_argument(
         "sources",
@@ -23,8 +25,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="a YAML file such as configs/data/sample.yaml, and/or AMASS-style npz files or folders of them",
     )
     parser.add_argument("--out", type=Path, required=True, help="the data set, made where it does not exist")
-    parser.add_argument("--workers", type=int, default=1, help="processes (default 1)")
     parser.add_argument("--frames", type=int, help="only the first FRAMES frames of each motion")
+    add_runner(parser)
     return parser
 
 
@@ -33,14 +35,15 @@ def run(args: argparse.Namespace) -> None:
     from imgtransfer.simulation.config import SimulateConfig, load_config  # noqa: PLC0415
     from imgtransfer.simulation.job import plan, simulate  # noqa: PLC0415
 
-    if args.workers < 1:
-        raise InputError(f"--workers {args.workers}: a whole number from 1 is wanted")
+    executor = chosen_executor(args)
     configs = [path for path in args.sources if path.suffix in (".yaml", ".yml")]
     if len(configs) > 1:
         raise InputError(f"one configuration at a time, found {', '.join(str(path) for path in configs)}")
     config = load_config(configs[0]) if configs else SimulateConfig()
     tasks = plan(config, [path for path in args.sources if path not in configs], frames=args.frames)
-    reasons = simulate(tasks, args.out, workers=args.workers)
-    print(f"{len(tasks) - len(reasons)} of {len(tasks)} clips stand, {len(reasons)} rejected")
+    rejected = simulate(tasks, args.out, executor=executor)
+    print(f"{len(tasks) - len(rejected)} of {len(tasks)} clips stand, {len(rejected)} rejected")
+    for name, reason in rejected.items():
+        print(f"  {name}: {reason}")
     print(f"data set {args.out}")
     print(f"next     imgtransfer inspect {args.out}")

@@ -81,6 +81,11 @@ def as_url(source: str | Path) -> str | None:
     return re.sub(r"(?<=\w):/(?!/)", "://", text).rstrip("/")
 
 
+def everywhere(source: str | Path) -> str | Path:
+    """The same place as processes with another working folder must name it: URLs as they are, paths absolute."""
+    return as_url(source) or Path(source).resolve()
+
+
 def group_metadata(attributes: dict[str, Any]) -> bytes:
     """The metadata file of a Zarr v3 group with these attributes."""
     metadata = {"attributes": attributes, "zarr_format": 3, "node_type": "group"}

@@ -1,25 +1,20 @@
-"""Simulate a list of clips over several processes into one data set."""
+"""Simulate a list of clips into one data set: what is asked for, and each clip as a task of its own."""
 
 from __future__ import annotations
 
 import fnmatch
-import multiprocessing
-import os
-import signal
-import threading
+import hashlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tqdm import tqdm
-
-from imgtransfer.data.clip import Clip
+from imgtransfer.data.place import everywhere, place_at
 from imgtransfer.data.store import DataSet
 from imgtransfer.motions.amass import load_amass
 from imgtransfer.motions.motion import Motion, arms_out
+from imgtransfer.running import Executor, Serial, run_tasks
 from imgtransfer.simulation.config import SimulateConfig, Split
-from imgtransfer.simulation.run import Rejected, simulate_clip
+from imgtransfer.simulation.run import Rejected, clip_name, simulate_clip
 from render import InputError
 
 
@@ -34,7 +29,7 @@ class Task:
     @property
     def name(self) -> str:
         """Its name in the data set."""
-        return f"tshirt/{self.motion.name}"
+        return clip_name(self.config, self.motion)
 
 
 def plan(config: SimulateConfig, files: Sequence[Path] = (), *, frames: int | None = None) -> list[Task]:
@@ -71,77 +66,102 @@ def plan(config: SimulateConfig, files: Sequence[Path] = (), *, frames: int | No
     return tasks
 
 
-def simulate(tasks: Sequence[Task], out: str | Path, *, workers: int = 1, progress: bool = True) -> list[str]:
-    """Simulate every task whose clip the data set at `out` does not hold yet.
+@dataclass(frozen=True)
+class _Job:
+    """A task and where its clip goes."""
+
+    task: Task
+    out: str | Path
+
+    @property
+    def name(self) -> str:
+        return self.task.name
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What came of a task: a line about it, and why the clip was rejected, if it was."""
+
+    line: str
+    rejected: str | None = None
+
+
+def simulate(
+    tasks: Sequence[Task], out: str | Path, *, executor: Executor | None = None, progress: bool = True
+) -> dict[str, str]:
+    """Simulate every task whose clip the data set at `out` neither holds yet nor lists as rejected.
+
+    Each clip is written by the process that made it, whole or not at all; what was stopped, or failed, is done by the
+    next call. A rejected clip is listed in the data set, and made again only under other settings.
+
+    Args:
+        out: folder or URL of the data set, made with the first clip; for a cluster one that all machines see.
+        executor: where the tasks are done; None does them in this process.
+        progress: whether to print lines and show a bar.
 
     Returns:
-        The reasons of the clips that were rejected.
+        By name, the reasons of the clips that were rejected, now or before.
 
     Raises:
-        InputError: `out` is something else than a data set, or every clip was rejected.
+        InputError: `out` is something else than a data set, tasks failed for other reasons than the gates (all others
+            are done by then), or every clip was rejected.
     """
-    config = tasks[0].config
-    store = DataSet.open_or_create(out, title=config.title, licence=config.licence, source=config.source)
-    standing = set(store.names())
-    left = [task for task in tasks if task.name not in standing]
-    reasons: list[str] = []
-    with (
-        _results(left, workers) as results,
-        tqdm(total=len(tasks), initial=len(tasks) - len(left), unit="clip", disable=not progress) as bar,
-    ):
-        for task, result in results:
-            if isinstance(result, str):
-                reasons.append(result)
-                bar.write(result)
-            else:
-                store.write(task.name, result, split=task.split)
-                bar.write(f"{task.name} ({task.split}): {result.n_frames} frames, {result.info['quality']}")
-            bar.update()
-    if tasks and len(reasons) == len(tasks):
-        raise InputError(f"every clip was rejected; the first: {reasons[0]}")
-    return reasons
+    out = everywhere(out)
+    standing, rejected = _standing(tasks, out)
+    jobs = [_Job(task, out) for task in tasks if task.name not in standing | rejected.keys()]
+    run = run_tasks(
+        _make,
+        jobs,
+        executor=executor or Serial(),
+        name=lambda job: job.name,
+        say=lambda made: made.line,
+        progress=progress,
+    )
+    rejected |= {name: made.rejected for name, made in run.values.items() if made.rejected is not None}
+    run.check()
+    if tasks and len(rejected) == len(tasks):
+        first = rejected[tasks[0].name]
+        raise InputError(
+            f"every clip was rejected, {out} lists the reasons and holds no clip of these; the first: {first}"
+        )
+    return rejected
 
 
-@contextmanager
-def _results(tasks: Sequence[Task], workers: int) -> Iterator[Iterator[tuple[Task, Clip | str]]]:
-    """Results as they come; leaving early (Ctrl-C) ends the processes."""
-    if workers <= 1 or len(tasks) <= 1:
-        yield map(_work, tasks)
-        return
-    # A fresh interpreter each, because Warp must not be forked; one thread each, because clips are independent.
-    threads = {name: os.environ.get(name) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
-    os.environ.update(dict.fromkeys(threads, "1"))
+def _standing(tasks: Sequence[Task], out: str | Path) -> tuple[set[str], dict[str, str]]:
+    """Names of the clips that `out` holds, and of the tasks' those that it lists as rejected, with the reasons."""
+    if place_at(out).empty():
+        return set(), {}
+    data = DataSet.open(out)
+    listed = data.rejected()
+    rejected = {
+        task.name: listed[task.name]["reason"]
+        for task in tasks
+        if task.name in listed and listed[task.name]["made"] == _fingerprint(task)
+    }
+    return set(data.names()), rejected
+
+
+def _make(job: _Job) -> _Made:
+    """Simulate one clip and write it."""
+    task, config = job.task, job.task.config
+    data = DataSet.open_or_create(job.out, title=config.title, licence=config.licence, source=config.source)
+    if data.has(task.name):  # the process that made it died between writing and saying so
+        return _Made(f"{task.name}: stands")
     try:
-        with _no_interrupts():
-            pool = multiprocessing.get_context("spawn").Pool(min(workers, len(tasks)))
-        with pool:
-            yield pool.imap_unordered(_work, tasks)
-    finally:
-        for name, value in threads.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextmanager
-def _no_interrupts() -> Iterator[None]:
-    """Processes that are started in here ignore Ctrl-C, from their first moment on: this process stops them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals can be set in the main thread only
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _work(task: Task) -> tuple[Task, Clip | str]:
-    try:
-        return task, simulate_clip(task.motion, task.config)[0]
+        clip = simulate_clip(task.motion, config)[0]
     except Rejected as reason:
-        return task, str(reason)
+        data.reject(task.name, str(reason), _fingerprint(task))
+        return _Made(str(reason), rejected=str(reason))
+    data.write(task.name, clip, split=task.split)
+    return _Made(f"{task.name} ({task.split}): {clip.n_frames} frames, {clip.info['quality']}")
+
+
+def _fingerprint(task: Task) -> str:
+    """A text that changes with whatever decides how the clip comes out."""
+    settings = task.config.model_dump_json(exclude={"clips", "files", "title", "licence", "source"})
+    motion = task.motion
+    content = [settings.encode(), motion.poses.tobytes(), motion.trans.tobytes(), str(motion.fps).encode()]
+    return hashlib.sha256(b"|".join(content)).hexdigest()[:16]
 
 
 def _motion_files(paths: Sequence[Path]) -> Iterator[Path]:

@@ -8,6 +8,7 @@ from fusion import BodySdf
 from imgtransfer.cli.main import main
 from imgtransfer.data.store import DataSet
 from imgtransfer.motions.library import make_motion
+from imgtransfer.running import Pool, Serial
 from imgtransfer.simulation.config import GateConfig, SimulateConfig, SolverConfig
 from imgtransfer.simulation.job import plan, simulate
 from imgtransfer.simulation.run import Rejected, simulate_clip
@@ -96,13 +97,15 @@ def test_a_clip_that_fails_its_gates_is_rejected_with_the_reason(tmp_path):
         simulate_clip(make_motion("walk", seconds=0.2), config)
     with pytest.raises(InputError, match="every clip was rejected"):
         simulate(plan(config), tmp_path / "set.zarr", progress=False)
-    assert DataSet.open(tmp_path / "set.zarr").names() == []
+    data = DataSet.open(tmp_path / "set.zarr")
+    assert data.names() == []
+    assert "p99_stretch" in data.rejected()["tshirt/run_s0"]["reason"]
 
 
 def test_two_processes_give_the_same_as_one(tmp_path):
     config = short(clips=({"motion": "walk", "seconds": 0.2}, {"motion": "turn", "seconds": 0.2}))
-    for name, workers in (("one", 1), ("two", 2)):
-        assert simulate(plan(config), tmp_path / name, workers=workers, progress=False) == []
+    for name, executor in (("one", Serial()), ("two", Pool(2))):
+        assert simulate(plan(config), tmp_path / name, executor=executor, progress=False) == {}
     one, two = DataSet.open(tmp_path / "one"), DataSet.open(tmp_path / "two")
     assert one.names() == two.names() == ["tshirt/turn_s0", "tshirt/walk_s0"]
     for name in one.names():

@@ -1,0 +1,114 @@
+"""Tasks with a progress bar, their results by name, and a list of what failed."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from tqdm import tqdm
+
+from imgtransfer.running.cluster import Cluster
+from imgtransfer.running.pool import Pool
+from imgtransfer.running.task import Executor, Serial
+from render import InputError
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Run(Generic[R]):
+    """What came of a list of tasks.
+
+    Args:
+        values: by the task's name, what the function returned, in the order of the tasks.
+        failures: by the task's name, one line that says why there is no value.
+    """
+
+    values: dict[str, R]
+    failures: dict[str, str]
+
+    def check(self, unit: str = "clip") -> None:
+        """List the failures, if any.
+
+        Raises:
+            InputError: there are failures: the reason of the only task, or how many failed.
+        """
+        if not self.failures:
+            return
+        total = len(self.values) + len(self.failures)
+        if total == 1:
+            raise InputError(next(iter(self.failures.values())))
+        print(f"failed, {len(self.failures)} of {total}:")
+        for name, reason in self.failures.items():
+            print(f"  {name}: {reason}")
+        raise InputError(
+            f"{len(self.failures)} of {total} {unit}s failed, listed above; the same command tries them again"
+        )
+
+
+def executor_for(*, workers: int = 1, ray: str | None = None) -> Executor:
+    """The executor that --workers and --ray ask for.
+
+    Raises:
+        InputError: fewer than one worker, or both.
+    """
+    if workers < 1:
+        raise InputError(f"--workers {workers}: a whole number from 1 is wanted")
+    if ray is not None:
+        if workers != 1:
+            raise InputError("--workers is for this machine, --ray for a cluster; give one of them")
+        return Cluster(ray)
+    return Pool(workers) if workers > 1 else Serial()
+
+
+def run_tasks(
+    function: Callable[[T], R],
+    tasks: Sequence[T],
+    *,
+    executor: Executor,
+    name: Callable[[T], str],
+    say: Callable[[R], str] = str,
+    unit: str = "clip",
+    progress: bool = True,
+) -> Run[R]:
+    """Do all tasks, whatever becomes of some of them.
+
+    Args:
+        function: does one task; see `imgtransfer.running`. InputError is a failure that needs no traceback.
+        tasks: of the function; their names must differ.
+        executor: where they are done.
+        name: of a task.
+        say: what to print of a result, "" for nothing.
+        unit: what a task is called in the bar.
+        progress: whether to print lines and show a bar.
+
+    Raises:
+        KeyboardInterrupt: after Ctrl-C, once all processes are stopped.
+        InputError: the executor cannot be had.
+    """
+    values: dict[int, R] = {}
+    failures: dict[int, str] = {}
+    with (
+        closing(executor.outcomes(function, tasks)) as outcomes,
+        tqdm(total=len(tasks), unit=unit, disable=None if progress else True) as bar,
+    ):
+        for outcome in outcomes:
+            if outcome.reason is not None:
+                failures[outcome.index] = outcome.reason
+                line = f"{name(tasks[outcome.index])}: failed: {outcome.reason}"
+                if outcome.details:
+                    bar.write(outcome.details, file=sys.stderr)
+            else:
+                values[outcome.index] = outcome.value  # type: ignore[assignment]
+                line = say(values[outcome.index])
+            if progress and line:
+                bar.write(line)
+            bar.update()
+    return Run(
+        {name(tasks[index]): values[index] for index in sorted(values)},
+        {name(tasks[index]): failures[index] for index in sorted(failures)},
+    )
