@@ -1,58 +1,183 @@
-"""`imgtransfer import`: clip npz files into a data set."""
+"""`imgtransfer import`: everyone's clips into a data set."""
 
 from __future__ import annotations
 
 import argparse
-import re
+import importlib
 from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING
 
 from render import InputError
+
+if TYPE_CHECKING:  # `--help` must not wait for the array libraries
+    from imgtransfer.importers.job import Job, Options
+
+FORMATS = {
+    "clips": "clip npz files, folders of them, or data sets (the default)",
+    "meshes": "your own: a folder a clip with garment and body as OBJ or PLY frames or PC2 or MDD caches",
+    "vto": "the VTO data set: .pkl files or folders of them; needs --smpl and --template",
+    "tailornet": "the TailorNet data set: folders such as skirt_female, in their root",
+    "cloth3d": "CLOTH3D: samples' folders, or folders of them; needs --smpl",
+    "virtualbones": "the VirtualBones data set: folders with template.obj; needs --smpl",
+}
+# Options that not every format knows: argument -> formats.
+_OF = {
+    "fps": ("meshes", "vto", "tailornet", "cloth3d", "virtualbones"),
+    "template": ("meshes", "vto"),
+    "body_rest": ("meshes",),
+    "garment_frames": ("meshes",),
+    "body_frames": ("meshes",),
+    "up": ("meshes",),
+    "facing": ("meshes",),
+    "unit": ("meshes",),
+    "scale": ("meshes",),
+    "garment_unit": ("meshes",),
+    "weld": ("meshes",),
+    "anyway": ("meshes",),
+    "smpl": ("vto", "tailornet", "cloth3d", "virtualbones"),
+    "gender": ("vto", "cloth3d", "virtualbones"),
+}
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Add the command's arguments."""
+    formats = "\n".join(f"  {name:<13} {text}" for name, text in FORMATS.items())
     parser = subparsers.add_parser(
         "import",
-        help="add clip npz files to a data set",
-        description="The data set is made where there is none. tshirt_walk.npz becomes tshirt/walk.",
+        help="add clips to a data set: npz files, your own meshes, the public sets",
+        usage="%(prog)s [FORMAT] PATH [PATH ...] --to DATASET [options]",
+        description=f"The data set is made where there is none; clips that are in it already are skipped, so a "
+        f"stopped run goes on. FORMAT is one of\n\n{formats}\n\ndocs/importing.md says how each must look.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("clip", nargs="+", type=Path, help="clip npz file, or a folder of them")
+    parser.add_argument("source", nargs="*", metavar="[FORMAT] PATH", help="what to import")
     parser.add_argument("--to", required=True, type=Path, metavar="DATASET", help="the data set's folder")
-    parser.add_argument("--split", required=True, help="such as train or test")
-    parser.add_argument("--garment", help="name of the garment; default the file's name up to its first '_'")
+    parser.add_argument(
+        "--split",
+        help="such as train or test; the public sets have a standard one, the other formats need it",
+    )
+    parser.add_argument(
+        "--garment", metavar="NAME", help="name of the garment in the data set; default from the files' names"
+    )
+    parser.add_argument(
+        "--clip", action="append", metavar="GLOB", help="only clips of such a name; may be given again"
+    )
+    parser.add_argument("--fps", type=float, help="frames a second, where the files do not say; default 30")
     parser.add_argument("--title", default="", help="of a new data set")
     parser.add_argument("--licence", default="", help="of a new data set, such as CC-BY-4.0")
-    parser.add_argument("--source", default="", help="of a new data set: where the clips come from")
+    parser.add_argument(
+        "--source", dest="origin", default="", help="of a new data set: where the clips come from"
+    )
+    _add_meshes(parser.add_argument_group("meshes"))
+    body = parser.add_argument_group("SMPL bodies (vto, tailornet, cloth3d, virtualbones)")
+    body.add_argument("--smpl", type=Path, metavar="FOLDER", help="your files of the SMPL model")
+    body.add_argument(
+        "--gender", choices=("female", "male", "neutral"), help="of the body; default the set's own"
+    )
     return parser
 
 
+def _add_meshes(group: argparse._ArgumentGroup) -> None:
+    """Add what tells how meshes lie; axes that begin with a minus are written --facing=-y."""
+    axes = "x, y, z, -x, -y or -z"
+    group.add_argument(
+        "--garment-frames", metavar="PATH", help="one clip: folder, pattern or cache of the garment"
+    )
+    group.add_argument("--body-frames", metavar="PATH", help="one clip: folder, pattern or cache of the body")
+    group.add_argument("--template", type=Path, metavar="FILE", help="the garment in the body's rest pose")
+    group.add_argument("--body-rest", type=Path, metavar="FILE", help="the body in its rest pose")
+    group.add_argument("--up", help=f"the files' axis that points up: {axes}; default y")
+    group.add_argument(
+        "--facing", help="the axis that the body faces in its rest pose, such as --facing=-y; default z"
+    )
+    group.add_argument("--unit", help="the files' unit: m, cm, mm, dm, in or ft; default m")
+    group.add_argument("--scale", type=float, help="metres a unit of the files, in place of --unit")
+    group.add_argument("--garment-unit", help="the unit of the garment's files, where it is not the body's")
+    group.add_argument(
+        "--weld", action="store_true", help="join split seams; outputs still have the files' vertices and UVs"
+    )
+    group.add_argument("--anyway", action="store_true", help="import although the checks found something")
+
+
 def run(args: argparse.Namespace) -> None:
-    """Read every clip, so that a bad one stops the import before anything is written; then write them."""
-    from imgtransfer.data.source import open_clips  # noqa: PLC0415
-    from imgtransfer.data.store import DataSet, check_name  # noqa: PLC0415
+    """Find out what there is to import, check it, and import it."""
+    from imgtransfer.data.store import DataSet  # noqa: PLC0415
+    from imgtransfer.importers.job import chosen, run_jobs  # noqa: PLC0415
 
-    clips = [clip for path in args.clip for clip in open_clips(path)]
-    names = [_name(clip.name, args.garment) for clip in clips]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
+    kind, paths = _kind(args)
+    options = _options(args, kind)
+    found = chosen(_jobs(args, kind, paths, options), options, " ".join(map(str, paths)) or kind)
+    data = DataSet.open_or_create(args.to, title=args.title, licence=args.licence, source=args.origin)
+    kept = run_jobs(found, data, options)
+    for job in found:
+        print(f"{job.name}  {data.clip_attributes(job.name)['frames']} frames  {job.split}")
+    already = f" ({kept} there already)" if kept else ""
+    print(f"done     {len(found)} clips{already} in {args.to}")
+    print(f"next     imgtransfer inspect {quote(str(args.to))}")
+
+
+def _kind(args: argparse.Namespace) -> tuple[str, list[Path]]:
+    """The format, and the paths behind it; a first word that is no format is a path to clips."""
+    words = list(args.source)
+    kind = words.pop(0) if words and words[0] in FORMATS else "clips"
+    single = args.garment_frames is not None or args.body_frames is not None
+    if not words and not single:
+        raise InputError(f"import {kind}: what to import? {FORMATS[kind]}")
+    if single and (words or kind != "meshes" or args.garment_frames is None or args.body_frames is None):
         raise InputError(
-            f"several files would become clip {', '.join(twice)}; rename them or import them apart"
+            "import: --garment-frames and --body-frames go together, with meshes and without PATH"
         )
-    for name in names:
-        check_name(name, args.split)
-    data = DataSet.open_or_create(args.to, title=args.title, licence=args.licence, source=args.source)
-    for name, clip in zip(names, clips, strict=True):
-        data.write(name, clip, split=args.split)
-        print(f"{name}  {clip.n_frames} frames  {args.split}")
+    for option, formats in _OF.items():
+        if getattr(args, option) not in (None, False) and kind not in formats:
+            raise InputError(f"import {kind}: --{option.replace('_', '-')} goes with {', '.join(formats)}")
+    return kind, [Path(word) for word in words]
 
 
-def _name(name: str, garment: str | None) -> str:
-    """The clip's name in the data set, "<garment>/<clip>"."""
-    stem = re.sub(r"[^\w./-]+", "-", name)
-    if garment is not None:
-        own, motion = garment, stem.rpartition("/")[2]
-    else:
-        own, _, motion = (
-            stem.replace("__", "/").partition("/") if "__" in stem or "/" in stem else stem.partition("_")
-        )
-    return f"{own}/{motion or own}"
+def _options(args: argparse.Namespace, kind: str) -> Options:
+    from imgtransfer.importers.axes import Axes  # noqa: PLC0415
+    from imgtransfer.importers.job import Options  # noqa: PLC0415
+
+    if args.unit is not None and args.scale is not None:
+        raise InputError("import: --unit and --scale say the same; give one of them")
+    if args.fps is not None and not 0 < args.fps < 1e4:
+        raise InputError(f"--fps {args.fps}: a positive number of frames a second is wanted")
+    for path in (args.template, args.body_rest):
+        if path is not None and not path.exists():
+            raise InputError(f"{path}: no such file; a mesh is wanted")
+    scale = args.scale if args.scale is not None else _metres("--unit", args.unit) or 1.0
+    return Options(
+        split=args.split,
+        garment=args.garment,
+        clips=tuple(args.clip) if args.clip else None,
+        fps=args.fps,
+        template=args.template,
+        body_rest=args.body_rest,
+        smpl=args.smpl,
+        gender=args.gender,
+        axes=Axes(args.up or "y", args.facing or ("z" if (args.up or "y")[-1] != "z" else "-y"), scale),
+        garment_scale=_metres("--garment-unit", args.garment_unit),
+        weld=args.weld,
+        anyway=args.anyway,
+    )
+
+
+def _metres(option: str, unit: str | None) -> float | None:
+    from imgtransfer.importers.axes import UNITS  # noqa: PLC0415
+
+    if unit is not None and unit not in UNITS:
+        raise InputError(f"{option} {unit}: one of {', '.join(UNITS)} is wanted; or give --scale METRES")
+    return None if unit is None else UNITS[unit]
+
+
+def _jobs(args: argparse.Namespace, kind: str, paths: list[Path], options: Options) -> list[Job]:
+    for path in paths:
+        if kind != "clips" and not path.exists():
+            raise InputError(f"{path}: no such file or folder; wanted is {FORMATS[kind]}")
+    if args.garment_frames is None:
+        return importlib.import_module(f"imgtransfer.importers.{kind}").jobs(paths, options)
+    from imgtransfer.importers.meshes import Source, job_of  # noqa: PLC0415
+
+    garment, body = Path(args.garment_frames), Path(args.body_frames)
+    name = garment.resolve().parent.name if garment.stem.startswith("garment") else garment.stem
+    return [job_of(name, Source(garment, body, args.template, args.body_rest), options)]

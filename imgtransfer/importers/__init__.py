@@ -1,0 +1,1 @@
+"""Everyone's formats, read into clips: one module a format, and what they share."""

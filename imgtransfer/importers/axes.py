@@ -1,0 +1,128 @@
+"""Units and axes of other programs, turned into metres, y up, facing +z; and guessed from a body's shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from render import InputError
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "dm": 0.1, "in": 0.0254, "ft": 0.3048}  # metres; likeliest first
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+_SAMPLES = 4000  # vertices that a guess looks at
+
+
+@dataclass(frozen=True)
+class Axes:
+    """How a file's coordinates lie.
+
+    Args:
+        up: the file's axis that points up, one of `AXES`.
+        facing: the file's axis that the body faces in its rest pose.
+        scale: metres a unit of the file.
+
+    Raises:
+        InputError: an unknown axis, up and facing along one line, or a scale that is not positive.
+    """
+
+    up: str = "y"
+    facing: str = "z"
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        for option, axis in (("--up", self.up), ("--facing", self.facing)):
+            if axis not in AXES:
+                raise InputError(f"{option}={axis}: one of {', '.join(AXES)} is wanted")
+        if self.up[-1] == self.facing[-1]:
+            raise InputError(f"--up={self.up} --facing={self.facing}: the two must be different axes")
+        if not (np.isfinite(self.scale) and self.scale > 0):
+            raise InputError(f"--scale={self.scale}: a positive number of metres a unit is wanted")
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) float64: ours = rotation @ theirs, without the scale; right-handed stays right-handed."""
+        up, facing = _vector(self.up), _vector(self.facing)
+        return np.stack([np.cross(up, facing), up, facing])
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """(..., 3) in the file's units and axes -> (..., 3) metres, y up, facing +z; same dtype."""
+        return (points @ (self.scale * self.rotation.T)).astype(points.dtype)
+
+    def __str__(self) -> str:
+        return f"--up={self.up} --facing={self.facing}"
+
+
+def _vector(axis: str) -> np.ndarray:
+    vector = np.zeros(3)
+    vector["xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
+    return vector
+
+
+def _name(axis: int, sign: float) -> str:
+    return ("-" if sign < 0 else "") + "xyz"[axis]
+
+
+def guess_axes(body: np.ndarray) -> Axes | None:
+    """Guess how a standing body in its rest pose (arms out or down) lies, whatever its units.
+
+    Left and right mirror each other; of the other two axes the longer one is up, with the head, which lies in the
+    middle, at one end and the feet, which do not, at the other; toes point forward.
+
+    Args:
+        body: (B, 3) vertices.
+
+    Returns:
+        Axes of scale 1, or None where the shape does not tell.
+    """
+    points = np.asarray(body, np.float64)[:: max(1, len(body) // _SAMPLES)]
+    points = points - (points.min(0) + points.max(0)) / 2
+    extent = np.ptp(points, axis=0)
+    if not (extent > 0).all():
+        return None
+    lateral = _mirror_axis(points, extent)
+    if lateral is None:
+        return None
+    up, depth = sorted((axis for axis in range(3) if axis != lateral), key=lambda axis: -extent[axis])
+    if extent[up] < 2 * extent[depth]:
+        return None
+    height = points[:, up] / extent[up]
+    head = _head_end(height, np.abs(points[:, lateral]) / extent[up])
+    ahead = _toes_ahead(head * height + 0.5, points[:, depth] / extent[up]) if head else 0.0
+    return Axes(_name(up, head), _name(depth, ahead)) if ahead else None
+
+
+def _head_end(height: np.ndarray, side: np.ndarray) -> float:
+    """+1 or -1 for the end (height 0.5 or -0.5) at which the body is in its middle plane, 0 where neither is clear."""
+    in_the_middle = [float((side[end] < 0.02).mean()) for end in (height > 0.47, height < -0.47)]
+    difference = in_the_middle[0] - in_the_middle[1]
+    return float(np.sign(difference)) if abs(difference) > 0.15 else 0.0
+
+
+def _toes_ahead(above_ground: np.ndarray, depth: np.ndarray) -> float:
+    """How far the soles reach before the shins, in body heights; 0 where that is not clear."""
+    soles, shins = above_ground < 0.025, (above_ground > 0.06) & (above_ground < 0.16)
+    if not (soles.any() and shins.any()):
+        return 0.0
+    ahead = float(depth[soles].mean() - depth[shins].mean())
+    return ahead if abs(ahead) > 0.008 else 0.0
+
+
+def _mirror_axis(points: np.ndarray, extent: np.ndarray) -> int | None:
+    """The axis across which the points mirror best, if that is clear."""
+    tree = cKDTree(points)
+    errors = [tree.query(points * np.where(np.arange(3) == axis, -1.0, 1.0))[0].mean() for axis in range(3)]
+    best, second = np.argsort(errors)[:2]
+    if errors[best] > 0.02 * extent.max() or errors[second] < 2 * errors[best]:
+        return None
+    return int(best)
+
+
+def likely_unit(size: float) -> str | None:
+    """The unit in which a body of this size (its longest extent, in the file's units) is of human size."""
+    for shortest, longest in ((0.9, 2.4), (0.4, 2.8)):
+        for unit, metres in UNITS.items():
+            if shortest <= size * metres <= longest:
+                return unit
+    return None

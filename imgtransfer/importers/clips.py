@@ -1,0 +1,41 @@
+"""Clip npz files (docs/data.md), folders of them, and other data sets."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from imgtransfer.data.source import clip_refs
+from imgtransfer.importers.job import Job, Options
+from render import InputError
+
+
+def jobs(paths: list[Path], options: Options) -> list[Job]:
+    """One job a clip. Every clip is read once here, so that a bad one stops the import before anything is written.
+
+    tshirt_walk.npz becomes tshirt/walk; with `options.garment`, <garment>/tshirt_walk.
+
+    Raises:
+        InputError: no such file, a bad clip, or no split given.
+    """
+    if not options.split:
+        raise InputError(
+            "import clips: clip npz files have no split, each clip needs a split: add --split train or test"
+        )
+    found = []
+    for path in paths:
+        for ref in clip_refs(path):
+            ref.load()
+            files = tuple(sorted(path.glob(f"{ref.name}.npz"))) if path.is_dir() else (path,)
+            found.append(Job(_name(ref.name, options.garment), options.split, files, ref.load, marked=False))
+    return found
+
+
+def _name(name: str, garment: str | None) -> str:
+    """The clip's name in the data set, "<garment>/<clip>"."""
+    stem = re.sub(r"[^\w./-]+", "-", name)
+    if garment is not None:
+        return f"{garment}/{stem.rpartition('/')[2]}"
+    split_up = stem.replace("__", "/").partition("/") if "__" in stem or "/" in stem else stem.partition("_")
+    own, _, motion = split_up
+    return f"{own}/{motion or own}"

@@ -1,0 +1,85 @@
+"""Files of data sets: found in the order that people mean, and told from what is no data."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from render import InputError
+
+_LFS = b"version https://git-lfs"
+
+
+def natural(text: str) -> list[tuple[int, int, str]]:
+    """A sorting key by which frame_2 comes before frame_10."""
+    parts = re.split(r"(\d+)", text)
+    return [(1, int(part), "") if part.isdigit() else (0, 0, part.lower()) for part in parts]
+
+
+def natural_sort(paths: Iterable[Path]) -> list[Path]:
+    """Paths sorted by name, numbers by their value."""
+    return sorted(paths, key=lambda path: natural(path.name))
+
+
+def check_data_file(path: Path, wanted: str) -> None:
+    """Raise InputError where there is no such file, an empty one, or a Git LFS pointer in its place."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; {wanted} is wanted")
+    with path.open("rb") as file:
+        start = file.read(len(_LFS))
+    if not start:
+        raise InputError(f"{path}: the file is empty; {wanted} is wanted")
+    if start == _LFS:
+        raise InputError(f"{path}: a pointer of Git LFS, not the data; run `git lfs pull` in its repository")
+
+
+def load_arrays(path: Path, wanted: Iterable[str]) -> dict[str, np.ndarray]:
+    """The arrays of an npz, never unpickling.
+
+    Raises:
+        InputError: no such file, a damaged one, or an array of `wanted` that it lacks.
+    """
+    wanted = list(wanted)
+    check_data_file(path, f"an npz with {', '.join(wanted)}")
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {key: stored[key] for key in stored.files}
+    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
+    missing = [key for key in wanted if key not in arrays]
+    if missing:
+        raise InputError(f"{path}: lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}")
+    return arrays
+
+
+def load_array(path: Path) -> np.ndarray:
+    """The array of an npy file, never unpickling.
+
+    Raises:
+        InputError: no such file, or a damaged one.
+    """
+    check_data_file(path, "an npy array")
+    try:
+        return np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"{path}: not a readable npy array ({error})") from error
+
+
+def check_shape(source: str, name: str, values: object, shape: tuple[int | None, ...]) -> np.ndarray:
+    """The value as an array of numbers of `shape`, where None stands for any length.
+
+    Raises:
+        InputError: another shape, or no numbers; the message names `source` and `name`.
+    """
+    array = np.asarray(values)
+    expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+    fits = array.ndim == len(shape) and all(w in (None, n) for w, n in zip(shape, array.shape, strict=True))
+    if array.dtype.kind not in "fiu" or not fits:
+        raise InputError(
+            f"{source}: {name} must be numbers of shape {expected}, found {array.dtype} {array.shape}"
+        )
+    return array

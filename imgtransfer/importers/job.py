@@ -1,0 +1,160 @@
+"""Clips to import, one job each: skipped where they are there already, written whole or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatch
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from imgtransfer.data.clip import FLOATS, SKINNING, SURFACE, Clip
+from imgtransfer.data.store import DataSet, check_name
+from imgtransfer.importers.axes import Axes
+from render import InputError
+
+MARK = "imported"  # key of a clip's info: what it was imported from, and how
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user may say about an import; which of them count depends on the format.
+
+    Args:
+        split: for every clip; None takes the format's standard split.
+        garment: name of the garment in the data set; None takes the format's.
+        clips: glob patterns of clips' names, "<garment>/<clip>"; None takes all.
+        fps: frames a second; None takes the file's, else the format's.
+        template: the garment in the body's rest pose, a mesh file (or for `vto` a folder of <garment>.obj).
+        body_rest: the body in its rest pose, a mesh file.
+        smpl: folder with the files of the SMPL body model, or one of them.
+        gender: of the SMPL body, where the format does not say.
+        axes: how the meshes' coordinates lie.
+        garment_scale: metres a unit of the garment's files; None where it is as the body's.
+        weld: join split seams. anyway: import although the checks found something.
+    """
+
+    split: str | None = None
+    garment: str | None = None
+    clips: tuple[str, ...] | None = None
+    fps: float | None = None
+    template: Path | None = None
+    body_rest: Path | None = None
+    smpl: Path | None = None
+    gender: str | None = None
+    axes: Axes = field(default_factory=Axes)
+    garment_scale: float | None = None
+    weld: bool = False
+    anyway: bool = False
+
+
+@dataclass(frozen=True)
+class Job:
+    """One clip to import.
+
+    Args:
+        name: in the data set, "<garment>/<clip>".
+        split: such as train or test.
+        files: what it is read from.
+        read: reads the clip; raises InputError.
+        marked: whether the data set notes what the clip was imported from; else the clip itself is compared.
+    """
+
+    name: str
+    split: str
+    files: tuple[Path, ...]
+    read: Callable[[], Clip]
+    marked: bool = True
+
+    def mark(self, options: Options) -> str:
+        """A fingerprint of the files (names, sizes, times) and the options: the same import gives the same."""
+        files = [
+            (file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in self.files if file.is_file()
+        ]
+        text = json.dumps([self.name, files, repr(replace(options, clips=None, split=None))])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def clip_name(garment: str, clip: str) -> str:
+    """ "<garment>/<clip>" of the characters that names in a data set may have."""
+    clean = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "clip" for part in (garment, clip)]
+    return "/".join(clean)
+
+
+def chosen(jobs: Sequence[Job], options: Options, source: object) -> list[Job]:
+    """The jobs that `options.clips` asks for, checked.
+
+    Raises:
+        InputError: none of them, two of one name, or a name or split that a data set cannot have.
+    """
+    names = [job.name for job in jobs]
+    patterns = options.clips
+    found = [
+        job for job in jobs if patterns is None or any(fnmatch(job.name, pattern) for pattern in patterns)
+    ]
+    if not found:
+        some = ", ".join(names[:8]) + (" ..." if len(names) > 8 else "")
+        raise InputError(
+            f"{source}: no clip matches {', '.join(patterns or ())}; it has {some or 'no clips'}"
+        )
+    twice = sorted({job.name for job in found if names.count(job.name) > 1})
+    if twice:
+        raise InputError(
+            f"several files would become clip {', '.join(twice)}; rename them or import them apart"
+        )
+    for job in found:
+        check_name(job.name, job.split)
+    return found
+
+
+def run_jobs(jobs: Sequence[Job], data: DataSet, options: Options) -> int:
+    """Import clips with a bar; what is there already from the same files with the same options is left.
+
+    A clip that cannot be read does not keep the others from being imported.
+
+    Returns:
+        How many were there already.
+
+    Raises:
+        InputError: after all others, naming those that could not be read.
+    """
+    present = set(data.names())
+    kept, failed = 0, []
+    for job in tqdm(jobs, desc="import", unit="clip", disable=None):
+        there = job.name in present and data.split(job.name) == job.split
+        mark = {MARK: job.mark(options)} if job.marked else {}
+        if there and mark and data.clip_attributes(job.name)["info"].get(MARK) == mark[MARK]:
+            kept += 1
+            continue
+        try:
+            clip = job.read()
+        except InputError as error:
+            failed.append(str(error))
+            continue
+        if there and not mark and _same(data, job.name, clip):
+            kept += 1
+            continue
+        data.write(job.name, replace(clip, info=clip.info | mark), split=job.split)
+    if failed:
+        if len(jobs) == 1:
+            raise InputError(failed[0])
+        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
+        raise InputError(f"{len(failed)} of {len(jobs)} clips were not imported: {failed[0]}{more}")
+    return kept
+
+
+def _same(data: DataSet, name: str, clip: Clip) -> bool:
+    """Whether the data set holds this very clip already."""
+    if not data.has(name) or data.clip_attributes(name)["info"] != clip.info:
+        return False
+    there = data.read(name)
+    keys = dict.fromkeys((*FLOATS, *SKINNING, *SURFACE, "garment_faces", "body_faces"))
+    return there.fps == clip.fps and all(
+        np.array_equal(x, y) if x is not None and y is not None else x is y
+        for x, y in ((getattr(there, key), getattr(clip, key)) for key in keys)
+    )
