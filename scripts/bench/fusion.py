@@ -34,7 +34,7 @@ from scipy.ndimage import gaussian_filter
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from fusion import BodySdf, FusionConfig, FusionResult, fuse
-from fusion.adam import CENTIMETRES
+from fusion.stages import edge_weights, normal_weights
 from render import Mesh, TemplateImager, vertex_normals
 from render.mesh import safe_normalize
 from scripts.bench import cloth
@@ -164,10 +164,8 @@ def garment(made: Scene, *, rounds: int, steps: int = 100) -> dict[str, float]:
 
 def solver_config(solver: str, *, steps: int = 100, batch: int = 8) -> FusionConfig:
     """The defaults with this solver; `steps` for both stages of adam."""
-    given = {"solver": solver} if "solver" in FusionConfig.model_fields else {}
-    if solver == "adam":
-        given |= {"edge_steps": steps, "normal_steps": steps}
-    return FusionConfig.model_validate(given | {"batch_frames": batch})
+    schedule = {"edge_steps": steps, "normal_steps": steps}
+    return FusionConfig.model_validate({"solver": solver, "batch_frames": batch} | schedule)
 
 
 def rmse_mm(vertices: np.ndarray, made: Scene) -> float:
@@ -193,20 +191,10 @@ def penetration_percent(vertices: np.ndarray, made: Scene) -> float:
 
 def losses(result: FusionResult, config: FusionConfig) -> dict[str, float]:
     """What each stage minimises, at its end: the weighted sum of the terms in its report (lengths in cm)."""
-    square = CENTIMETRES**2
-    weights = {
-        "edge": {"edge_length_m2": square, "displacement_m2": config.weight_displacement * square},
-        "normal": {
-            "normal_rendering": 1.0,
-            "normal_consistency": config.weight_consistency,
-            "edge_length_m2": config.weight_edge * square,
-            "displacement_m2": config.weight_displacement * square,
-            "collision_m": config.weight_collision * CENTIMETRES,
-        },
-    }
+    weights = {"edge": edge_weights(config), "normal": normal_weights(config)}
     return {
-        stage: sum(weight * result.report["terms"][stage]["end"][term] for term, weight in terms.items())
-        for stage, terms in weights.items()
+        stage: sum(weights[stage][term] * value for term, value in ends["end"].items())
+        for stage, ends in result.report["terms"].items()
     }
 
 

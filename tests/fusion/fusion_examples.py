@@ -1,12 +1,24 @@
 """A small garment on a small body: an open tube around a closed cylinder, leaning and wrinkled."""
 
+from pathlib import Path
+
 import numpy as np
 import torch
 import trimesh
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from render import Mesh, TemplateImager, frame_cameras, vertex_normals
+from imgtransfer.data.clip import Clip, save_clip
+from render import (
+    MapFile,
+    Mesh,
+    PositionBox,
+    TemplateImager,
+    encode_normals,
+    frame_cameras,
+    save_maps,
+    vertex_normals,
+)
 
 AROUND, ALONG = 32, 17  # vertices of the tube
 
@@ -63,3 +75,45 @@ def imager_of(mesh: Mesh, size: tuple[int, int] = (48, 40)) -> TemplateImager:
 def true_maps(imager: TemplateImager, vertices: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Positions in metres and unit-vertex normals, interpolated: (T, S, H, W, 3) each."""
     return imager.operator(vertices), imager.operator(vertex_normals(vertices, imager.faces))
+
+
+def write_example(folder: Path, frames: int) -> Clip:
+    """Write maps.npz, clip.npz (the truth, in the world), body.npz and template.obj; returns the clip."""
+    mesh, body = tube(), cylinder_body()
+    imager = imager_of(mesh, (64, 64))
+    truth = wrinkled(mesh, frames)
+    positions, normals = true_maps(imager, truth)
+    box = PositionBox.around(truth.numpy())
+    rotation = Rotation.from_rotvec([[0, 0.5, 0], [0, 2.0, 0.1]][:frames]).as_matrix()
+    translation = np.array([[0.3, 1.0, 0], [0.5, 1.1, -0.2]])[:frames]
+    mask = imager.mask[..., None]
+    maps = MapFile.of(
+        imager,
+        position=(box.encode(positions) * mask).numpy(),
+        normal=(encode_normals(normals) * mask).numpy(),
+        box=box,
+        rotation=rotation,
+        translation=translation,
+        fps=30,
+    )
+    save_maps(folder / "maps.npz", maps)
+
+    def to_world(points: np.ndarray) -> np.ndarray:
+        return (np.einsum("tab,tnb->tna", rotation, points) + translation[:, None]).astype(np.float32)
+
+    rest = np.asarray(body.vertices, np.float32)
+    clip = Clip(
+        template_vertices=mesh.vertices.astype(np.float32),
+        garment_faces=mesh.faces,
+        garment_vertices=to_world(truth.numpy()),
+        body_rest=rest,
+        body_faces=np.asarray(body.faces),
+        body_vertices=to_world(leaning(rest, frames)),
+        fps=30.0,
+        info={"licence": "CC0"},
+    )
+    save_clip(folder / "clip.npz", clip)
+    np.savez(folder / "body.npz", body_faces=clip.body_faces, body_vertices=clip.body_vertices)
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    (folder / "template.obj").write_text("\n".join(lines) + "\n")
+    return clip

@@ -7,61 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fusion_examples import cylinder_body, imager_of, leaning, true_maps, tube, wrinkled
-from scipy.spatial.transform import Rotation
+from fusion_examples import tube, write_example
 
 from fusion.run import fuse_maps
 from imgtransfer.cli.main import main
-from imgtransfer.data.clip import Clip, load_clip, save_clip
-from render import MapFile, PositionBox, encode_normals, load_maps, load_mesh, save_maps
+from imgtransfer.data.clip import load_clip, save_clip
+from render import MapFile, load_maps, load_mesh
 
 FRAMES = 2
-QUICK = "edge_steps: 5\nnormal_steps: 5\n"
+QUICK = "edge_iterations: 3\nnormal_iterations: 3\n"
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """maps.npz, clip.npz (the truth, in the world), body.npz, fusion.yaml, template.obj."""
-    mesh, body = tube(), cylinder_body()
-    imager = imager_of(mesh, (64, 64))
-    truth = wrinkled(mesh, FRAMES)
-    positions, normals = true_maps(imager, truth)
-    box = PositionBox.around(truth.numpy())
-    rotation = Rotation.from_rotvec([[0, 0.5, 0], [0, 2.0, 0.1]]).as_matrix()
-    translation = np.array([[0.3, 1.0, 0], [0.5, 1.1, -0.2]])
-    mask = imager.mask[..., None]
-    save_maps(
-        tmp_path / "maps.npz",
-        MapFile.of(
-            imager,
-            position=(box.encode(positions) * mask).numpy(),
-            normal=(encode_normals(normals) * mask).numpy(),
-            box=box,
-            rotation=rotation,
-            translation=translation,
-            fps=30,
-        ),
-    )
-
-    def to_world(points):
-        return (np.einsum("tab,tnb->tna", rotation, points) + translation[:, None]).astype(np.float32)
-
-    rest = np.asarray(body.vertices, np.float32)
-    clip = Clip(
-        template_vertices=mesh.vertices.astype(np.float32),
-        garment_faces=mesh.faces,
-        garment_vertices=to_world(truth.numpy()),
-        body_rest=rest,
-        body_faces=np.asarray(body.faces),
-        body_vertices=to_world(leaning(rest, FRAMES)),
-        fps=30.0,
-        info={"licence": "CC0"},
-    )
-    save_clip(tmp_path / "clip.npz", clip)
-    np.savez(tmp_path / "body.npz", body_faces=clip.body_faces, body_vertices=clip.body_vertices)
+    """What `write_example` writes."""
+    write_example(tmp_path, FRAMES)
     (tmp_path / "fusion.yaml").write_text(QUICK)
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    (tmp_path / "template.obj").write_text("\n".join(lines) + "\n")
     return tmp_path
 
 
@@ -183,7 +144,7 @@ def test_predictions_are_fused_in_their_folders_and_only_once(folder, prediction
         fused = load_clip(predictions / name / "fused.npz")
         assert fused.blend_weights.shape == (len(fused.body_rest), 2)
         assert fused.poses.shape == (FRAMES, 2, 3)
-        assert json.loads((predictions / name / "fusion.json").read_text())["config"]["edge_steps"] == 5
+        assert json.loads((predictions / name / "fusion.json").read_text())["config"]["edge_iterations"] == 3
 
     def again(*more, where=predictions):
         """The folders that another run fuses."""
@@ -196,7 +157,7 @@ def test_predictions_are_fused_in_their_folders_and_only_once(folder, prediction
     assert again() == set()
     assert again("--positions-only") == {"a", "b"}
     assert set(json.loads((predictions / "a" / "fusion.json").read_text())["terms"]) == {"edge", "normal"}
-    (folder / "fusion.yaml").write_text("edge_steps: 6\nnormal_steps: 5\n")
+    (folder / "fusion.yaml").write_text("edge_iterations: 4\nnormal_iterations: 3\n")
     assert again() == {"a", "b"}
     assert again("--overwrite") == {"a", "b"}
     (predictions / "b" / "fused.npz").write_bytes(b"cut short")
