@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import torch
 
@@ -14,98 +13,85 @@ from fusion.losses import (
     edge_length_loss,
     normal_consistency_loss,
     normal_rendering_loss,
+    temporal_loss,
 )
-from fusion.sdf import BodySdf
+from fusion.sdf import Obstacle
+from fusion.stages import Minimum, Problem, Terms, edge_weights, normal_weights, total
 from fusion.topology import Topology, vertices_first
 from render.operator import SparseProduct
 
-Terms = dict[str, torch.Tensor]  # by name, one value a frame: (T,)
-CENTIMETRES = 100.0  # in a metre; the unit of lengths that the weights are made for
 
-
-@dataclass(frozen=True, eq=False)
-class Minimum:
-    """What `minimise` found.
+class AdamSolver:
+    """The reference solver.
 
     Args:
-        vertices: (T, N, 3) metres.
-        start, end: the terms (T,) before the first and after the last step, unweighted, in metres.
-    """
-
-    vertices: torch.Tensor
-    start: Terms
-    end: Terms
-
-
-def edge_stage(
-    initial: torch.Tensor, topology: Topology, seen: torch.Tensor, config: FusionConfig
-) -> Minimum:
-    """First stage: L_e + λ_rv L_rv, the displacement over visible vertices only.
-
-    Args:
-        initial: (T, N, 3) metres, from the position maps.
-        topology: of the template.
-        seen: (N,) floating point, 1 for visible vertices and 0 for others.
-        config: weights and schedule.
-    """
-
-    def terms(vertices: torch.Tensor, step: int) -> Terms:
-        return {
-            "edge_length_m2": edge_length_loss(vertices, topology),
-            "displacement_m2": displacement_loss(vertices, initial, seen),
-        }
-
-    weights = {
-        "edge_length_m2": CENTIMETRES**2,
-        "displacement_m2": config.weight_displacement * CENTIMETRES**2,
-    }
-    return minimise(initial, terms, weights, steps=config.edge_steps, learning_rate=config.learning_rate_m)
-
-
-def normal_stage(
-    initial: torch.Tensor,
-    topology: Topology,
-    config: FusionConfig,
-    *,
-    pixels: SparseProduct | None = None,
-    target: torch.Tensor | None = None,
-    sdf: BodySdf | None = None,
-) -> Minimum:
-    """Second stage, equation 8; the terms whose input is missing are left out.
-
-    Args:
-        initial: (T, N, 3) metres, result of the first stage.
         topology: of the template.
         config: weights and schedule.
-        pixels: (P, N) interpolation at the covered pixels; goes with `target`.
-        target: (T, P, 3) unit normals at these pixels.
-        sdf: the T posed bodies.
+        pixels: (P, N) interpolation at the covered pixels; needed where problems have targets.
+        fixed: (N,) bool, vertices that stay where they start; None holds none.
     """
-    distance = None if sdf is None else TangentDistance(sdf, config.sdf_every_steps)
 
-    def terms(vertices: torch.Tensor, step: int) -> Terms:
-        normals = topology.normals(vertices)
+    def __init__(
+        self,
+        topology: Topology,
+        config: FusionConfig,
+        *,
+        pixels: SparseProduct | None = None,
+        fixed: torch.Tensor | None = None,
+    ) -> None:
+        self._topology, self._config, self._pixels, self._fixed = topology, config, pixels, fixed
+
+    def edge_stage(self, problem: Problem) -> Minimum:
+        """First stage: L_e + λ_rv L_rv, the displacement over visible vertices only."""
+
+        def terms(vertices: torch.Tensor, step: int) -> Terms:
+            return self._always(vertices, problem)
+
+        return self._minimise(problem, terms, edge_weights(self._config), self._config.edge_steps)
+
+    def normal_stage(self, problem: Problem) -> Minimum:
+        """Second stage, equation 8."""
+        config, topology = self._config, self._topology
+        distance = None
+        if problem.obstacle is not None:
+            distance = TangentDistance(problem.obstacle, config.sdf_every_steps)
+
+        def terms(vertices: torch.Tensor, step: int) -> Terms:
+            normals = topology.normals(vertices)
+            found = {"normal_consistency": normal_consistency_loss(normals, topology)}
+            found |= self._always(vertices, problem)
+            if problem.target is not None:
+                assert self._pixels is not None
+                found["normal_rendering"] = normal_rendering_loss(
+                    self._pixels(normals), problem.target, problem.confidence
+                )
+            if distance is not None:
+                found["collision_m"] = collision_loss(
+                    distance(vertices, step), margin_m=config.collision_margin_m
+                )
+            return found
+
+        return self._minimise(problem, terms, normal_weights(config), config.normal_steps)
+
+    def _always(self, vertices: torch.Tensor, problem: Problem) -> Terms:
+        """The terms of both stages."""
         found = {
-            "normal_consistency": normal_consistency_loss(normals, topology),
-            "edge_length_m2": edge_length_loss(vertices, topology),
-            "displacement_m2": displacement_loss(vertices, initial),
+            "edge_length_m2": edge_length_loss(vertices, self._topology),
+            "displacement_m2": displacement_loss(vertices, problem.anchor, problem.share),
         }
-        if pixels is not None and target is not None:
-            found["normal_rendering"] = normal_rendering_loss(pixels(normals), target)
-        if distance is not None:
-            found["collision_m"] = collision_loss(
-                distance(vertices, step), margin_m=config.collision_margin_m
-            )
+        if self._config.weight_temporal:
+            found["temporal_m2"] = temporal_loss(vertices)
         return found
 
-    weights = {
-        "normal_rendering": 1.0,
-        "normal_consistency": config.weight_consistency,
-        "edge_length_m2": config.weight_edge * CENTIMETRES**2,
-        "displacement_m2": config.weight_displacement * CENTIMETRES**2,
-        "collision_m": config.weight_collision * CENTIMETRES,
-    }
-    return minimise(initial, terms, weights, steps=config.normal_steps, learning_rate=config.learning_rate_m)
+    def _minimise(
+        self,
+        problem: Problem,
+        terms: Callable[[torch.Tensor, int], Terms],
+        weights: Mapping[str, float],
+        steps: int,
+    ) -> Minimum:
+        rate = self._config.learning_rate_m
+        return minimise(problem.start, terms, weights, steps=steps, learning_rate=rate, fixed=self._fixed)
 
 
 def minimise(
@@ -115,6 +101,7 @@ def minimise(
     *,
     steps: int,
     learning_rate: float,
+    fixed: torch.Tensor | None = None,
 ) -> Minimum:
     """Adam on all frames at once; they stay independent, since it scales every coordinate by itself.
 
@@ -124,21 +111,23 @@ def minimise(
         weights: of the terms, by name.
         steps: how many.
         learning_rate: metres.
+        fixed: (N,) bool, vertices that stay where they start; None holds none.
     """
     # A copy of its own: the stages also use `start` as what displacements are measured from.
     vertices = vertices_first(start.detach().clone()).requires_grad_()
     optimiser = torch.optim.Adam([vertices], lr=learning_rate)
-    first: Terms = {}
+    history: list[Terms] = []
     for step in range(steps):
         found = terms(vertices, step)
-        if step == 0:
-            first = {name: value.detach() for name, value in found.items()}
-        total = torch.stack([weights[name] * value for name, value in found.items()]).sum()
-        (vertices.grad,) = torch.autograd.grad(total, [vertices])
+        history.append({name: value.detach() for name, value in found.items()})
+        (vertices.grad,) = torch.autograd.grad(total(found, weights).sum(), [vertices])
+        if fixed is not None:
+            vertices.grad[:, fixed] = 0  # and so are Adam's moments: its step is exactly 0
         optimiser.step()
     with torch.no_grad():
-        last = terms(vertices, 0)
-    return Minimum(vertices.detach(), first or last, last)
+        history.append(terms(vertices, 0))
+    curves = {name: torch.stack([values[name] for values in history]) for name in history[0]}
+    return Minimum(vertices.detach(), curves, torch.full((len(start),), steps))
 
 
 class TangentDistance:
@@ -147,18 +136,18 @@ class TangentDistance:
     Adam moves a vertex by about a millimetre a step, over which the distance to a body is as good as linear.
 
     Args:
-        sdf: one posed body a frame.
+        obstacle: one posed obstacle a frame.
         every_steps: steps between two queries.
     """
 
-    def __init__(self, sdf: BodySdf, every_steps: int) -> None:
-        self._sdf, self._every = sdf, every_steps
+    def __init__(self, obstacle: Obstacle, every_steps: int) -> None:
+        self._obstacle, self._every = obstacle, every_steps
         self._offset = self._direction = torch.empty(0)
 
     def __call__(self, vertices: torch.Tensor, step: int) -> torch.Tensor:
         """(T, N, 3) metres -> (T, N) metres, negative inside, differentiable; exact at steps with a query."""
         if step % self._every == 0:
-            found = self._sdf.query(vertices)
+            found = self._obstacle.query(vertices)
             self._direction = found.direction.to(vertices)
             self._offset = found.distance.to(vertices) - (self._direction * vertices.detach()).sum(-1)
         return self._offset + (self._direction * vertices).sum(-1)

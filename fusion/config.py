@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -20,17 +21,44 @@ class FusionConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    solver: Literal["local_global", "adam"] = Field(
+        default="local_global",
+        description="`local_global`: quasi-Newton steps around a prefactorised system; `adam`: the paper's schedule.",
+    )
+    edge_iterations: int = Field(
+        default=15, ge=0, description="Of `local_global`, first stage (edge lengths), at most; 0 skips it."
+    )
+    normal_iterations: int = Field(
+        default=25,
+        ge=0,
+        description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
+    )
+    tolerance: float = Field(
+        default=3e-4,
+        ge=0,
+        lt=1,
+        description="Of `local_global`, no unit: a frame is finished when a step lowers its objective by less, "
+        "relative to the objective.",
+    )
+    sdf_every_iterations: int = Field(
+        default=10, ge=1, description="Of `local_global`: steps between two distance queries."
+    )
+    edge_steps: int = Field(
+        default=100, ge=0, description="Of `adam`, first stage (edge lengths); 0 skips it."
+    )
+    normal_steps: int = Field(
+        default=100, ge=0, description="Of `adam`, second stage (normals, collision); 0 skips it."
+    )
     learning_rate_m: float = Field(
         default=1e-3,
         gt=0,
         lt=0.1,
-        description="Adam's step in metres: about how far a vertex can move per step and axis.",
+        description="Of `adam`, metres: about how far a vertex can move per step and axis.",
     )
-    edge_steps: int = Field(
-        default=100, ge=0, description="Steps of the first stage (edge lengths); 0 skips it."
-    )
-    normal_steps: int = Field(
-        default=100, ge=0, description="Steps of the second stage (normals, collision); 0 skips it."
+    sdf_every_steps: int = Field(
+        default=5,
+        ge=1,
+        description="Of `adam`: steps between two distance queries; in between, the distance is linear.",
     )
     weight_displacement: float = Field(default=0.02, ge=0, description="λ_rv, per cm², both stages.")
     weight_edge: float = Field(
@@ -41,7 +69,23 @@ class FusionConfig(BaseModel):
         ge=0,
         description="λ_rn, no unit; the paper takes 0.01 for garments other than the T-shirt.",
     )
-    weight_collision: float = Field(default=100.0, ge=0, description="λ_c, per cm.")
+    weight_collision: float = Field(
+        default=100.0,
+        ge=0,
+        description="λ_c, per cm. `local_global` holds vertices outside for every value but 0, which is the same "
+        "while the weight exceeds what pushes them in.",
+    )
+    weight_temporal: float = Field(
+        default=0.0,
+        ge=0,
+        description="Per cm², both stages: the squared second difference of the vertices over time. Not 0: all "
+        "frames must be consecutive, and are solved as one problem whatever batch_frames says.",
+    )
+    warm_start: bool = Field(
+        default=False,
+        description="Start each frame from its own readings plus what was changed in the frame before; frames must "
+        "be consecutive, and are solved one after the other whatever batch_frames says.",
+    )
     collision_margin_m: float = Field(
         default=0.0,
         ge=0,
@@ -59,11 +103,6 @@ class FusionConfig(BaseModel):
         ge=0,
         lt=0.05,
         description="Metres by which the surface of the garment beneath is raised, its thickness for instance.",
-    )
-    sdf_every_steps: int = Field(
-        default=5,
-        ge=1,
-        description="Steps between two distance queries; in between, the distance is linear in the vertices.",
     )
     clearance_m: float = Field(
         default=0.001,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse
 import torch
@@ -16,6 +18,8 @@ from render.operator import SparseProduct
 
 # Weight of a view that looks along the surface at a vertex, against 1 for one that looks straight at it.
 _GRAZING = 0.01
+# Share of a reading's weights that must lie on pixels with a confidence, lest the rest be blown up.
+_KNOWN = 0.5
 
 
 def initial_vertices(imager: TemplateImager, positions: torch.Tensor) -> torch.Tensor:
@@ -40,6 +44,21 @@ def initial_vertices(imager: TemplateImager, positions: torch.Tensor) -> torch.T
     return InitialWeights(imager)(imager.sample(positions))
 
 
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Vertices read from position maps.
+
+    Args:
+        vertices: (T, N, 3) metres.
+        seen: (T, N) bool, vertices that were read; the others were filled in from those.
+        confidence: (T, N), mean confidence of each vertex's readings, 0 where not seen; None: 1 each.
+    """
+
+    vertices: torch.Tensor
+    seen: torch.Tensor
+    confidence: torch.Tensor | None = None
+
+
 class InitialWeights:
     """The constant weights of `initial_vertices`: every vertex as a mean of readings of the maps.
 
@@ -59,20 +78,67 @@ class InitialWeights:
                 f"{imager.mesh.source}: no view sees any of its {n} vertices; "
                 "use larger maps or frame the cameras on it"
             )
+        self._imager = imager
         frontal = np.stack([_frontality(imager.mesh, camera) for camera in imager.cameras])
-        weight = np.where(imager.visible, frontal, 0) / np.where(imager.visible, frontal, 0).sum(0).clip(
-            min=_GRAZING
-        )
+        self._frontal = np.where(imager.visible, frontal, 0)
+        weight = self._frontal / self._frontal.sum(0).clip(min=_GRAZING)
         view, vertex = np.nonzero(imager.visible)
         readings = scipy.sparse.coo_matrix(
             (weight[view, vertex], (vertex, view * n + vertex)), shape=(n, views * n)
         )
-        combined = (_between_views(imager.mesh, imager.visible) @ readings.tocsr()).tocoo()
+        self._filling = _between_views(imager.mesh, imager.visible)
+        combined = (self._filling @ readings.tocsr()).tocoo()
         self._product = SparseProduct(combined.row, combined.col, combined.data, combined.shape)
 
     def __call__(self, readings: torch.Tensor) -> torch.Tensor:
         """Readings (..., S, N, 3) of `TemplateImager.sample` -> vertices (..., N, 3)."""
         return self._product(readings.reshape(*readings.shape[:-3], -1, readings.shape[-1]))
+
+    def read(self, positions: torch.Tensor, confidence: torch.Tensor | None = None) -> Readings:
+        """Vertices from position maps of which some pixels may be worth less than others.
+
+        Views count by their confidence at a vertex, besides how frontally they see it. Pixels with confidence 0 are
+        left out of the readings; a vertex that has no other is filled in like one that no view sees.
+
+        Args:
+            positions: (T, S, H, W, 3) metres.
+            confidence: (T, S, H, W), at least 0, same dtype and device; None: 1 everywhere.
+
+        Raises:
+            InputError: a frame in which nothing with a confidence shows a vertex.
+        """
+        visible = torch.from_numpy(self._imager.visible).to(positions.device)
+        if confidence is None:
+            vertices = self(self._imager.sample(positions))
+            return Readings(vertices, visible.any(0).expand(len(positions), -1))
+        known = (confidence > 0).to(positions)[..., None]
+        # One sampling for all: positions, share of the reading that is known, confidence.
+        sampled = self._imager.sample(torch.cat([positions * known, known, confidence[..., None]], dim=-1))
+        share = sampled[..., 3]
+        usable = visible & (share > _KNOWN)
+        share = torch.where(usable, share, 1)
+        trust = torch.where(usable, sampled[..., 4] / share, 0).clamp(min=0)
+        weight = trust * torch.from_numpy(self._frontal).to(trust)
+        seen = (weight > 0).any(1)
+        weight = weight / torch.where(seen, weight.sum(1), 1)[:, None]
+        vertices = (weight[..., None] * sampled[..., :3] / share[..., None]).sum(1)
+        vertices = torch.stack(
+            [self._filled(*frame) for frame in zip(vertices, (weight > 0).cpu().numpy(), strict=True)]
+        )
+        mean = trust.sum(1) / visible.sum(0).clamp(min=1)
+        return Readings(vertices, seen, torch.where(seen, mean, 0))
+
+    def _filled(self, vertices: torch.Tensor, usable: np.ndarray) -> torch.Tensor:
+        """Vertices (N, 3) of one frame, those that no reading (S, N) of it shows put between others."""
+        if not usable.any():
+            raise InputError(
+                "confidence: a frame has no pixel with a confidence above 0 at any vertex; leave it out"
+            )
+        filling = self._filling
+        if (usable != self._imager.visible).any():
+            filling = _between_views(self._imager.mesh, usable)
+        entries = filling.tocoo()
+        return SparseProduct(entries.row, entries.col, entries.data, entries.shape)(vertices)
 
 
 def _frontality(mesh: Mesh, camera: Camera) -> np.ndarray:

@@ -25,7 +25,9 @@ def edge_length_loss(vertices: torch.Tensor, topology: Topology) -> torch.Tensor
     return (lengths - topology.rest_lengths.to(lengths)).square().mean(-1)
 
 
-def normal_rendering_loss(rendered: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+def normal_rendering_loss(
+    rendered: torch.Tensor, target: torch.Tensor, confidence: torch.Tensor | None = None
+) -> torch.Tensor:
     """Mean over covered pixels of the Euclidean distance between rendered and target normals (eq. 6, left).
 
     The paper writes a norm without saying how it is reduced. A mean does not depend on the resolution.
@@ -33,11 +35,14 @@ def normal_rendering_loss(rendered: torch.Tensor, target: torch.Tensor) -> torch
     Args:
         rendered: (..., P, 3), interpolated vertex normals at the P covered pixels of all views.
         target: (..., P, 3), unit normals of the maps there.
+        confidence: (..., P), at least 0, what each pixel counts; 1 if None.
 
     Returns:
-        (...), between 0 and 2; 0 where P = 0. The gradient of a pixel that agrees exactly is 0.
+        (...), between 0 and 2 at confidence 1; 0 where P = 0. The gradient of a pixel that agrees exactly is 0.
     """
     distances = torch.linalg.vector_norm(rendered - target, dim=-1)
+    if confidence is not None:
+        distances = distances * confidence
     return distances.sum(-1) / max(distances.shape[-1], 1)
 
 
@@ -57,22 +62,36 @@ def normal_consistency_loss(normals: torch.Tensor, topology: Topology) -> torch.
 
 
 def displacement_loss(
-    vertices: torch.Tensor, anchor: torch.Tensor, weight: torch.Tensor | None = None
+    vertices: torch.Tensor, anchor: torch.Tensor, share: torch.Tensor | None = None
 ) -> torch.Tensor:
     """Mean over vertices of the squared distance to `anchor`, in m²: the regulariser L_rv of section 3.3.
 
     Args:
         vertices: (..., N, 3), metres.
         anchor: (..., N, 3), where the position maps put the vertices.
-        weight: (N,) at least 0; vertices with 0 are free. None counts all alike.
+        share: (N,) or (..., N), at least 0, what each vertex counts; vertices with 0 are free. None is the mean
+            over all, 1 / N each; `anchor_share` makes the others.
 
     Returns:
-        (...), the weighted mean; 0 where all weights are 0.
+        (...), the weighted sum.
     """
     squared = (vertices - anchor).square().sum(-1)
-    if weight is None:
-        return squared.mean(-1)
-    return (squared * weight).sum(-1) / weight.sum().clamp(min=torch.finfo(weight.dtype).tiny)
+    return squared.mean(-1) if share is None else (squared * share).sum(-1)
+
+
+def anchor_share(seen: torch.Tensor, confidence: torch.Tensor | None = None) -> torch.Tensor:
+    """What each vertex counts in `displacement_loss`: alike for all that are seen, times their confidence.
+
+    Args:
+        seen: (N,) bool, vertices that a view sees.
+        confidence: (..., N), at least 0; 1 if None.
+
+    Returns:
+        (N,) or (..., N), 1 / (number seen) at confidence 1, and 0 where not seen.
+    """
+    share = seen.to(torch.float32 if confidence is None else confidence.dtype)
+    share = share / seen.sum().clamp(min=1)
+    return share if confidence is None else share * confidence
 
 
 def collision_loss(distance: torch.Tensor, *, margin_m: float = 0.0) -> torch.Tensor:
@@ -86,3 +105,30 @@ def collision_loss(distance: torch.Tensor, *, margin_m: float = 0.0) -> torch.Te
         (...), at least 0; 0 once every vertex clears the margin, and for N = 0.
     """
     return (margin_m - distance).clamp(min=0).sum(-1) / max(distance.shape[-1], 1)
+
+
+def temporal_loss(vertices: torch.Tensor) -> torch.Tensor:
+    """Mean over vertices of the squared second difference over time, in m²; of a clip, not of a frame alone.
+
+    Args:
+        vertices: (T, N, 3), metres, consecutive frames of one clip.
+
+    Returns:
+        (T,), 0 at the first and last frame. Scaled so that the mean over all frames is the mean over the inner
+        ones; all 0 for fewer than 3 frames.
+    """
+    return second_difference(vertices)[0]
+
+
+def second_difference(vertices: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """`temporal_loss` (T,), and the gradient (T, N, 3) of its sum."""
+    frames, count, _ = vertices.shape
+    if frames < 3:
+        return vertices.new_zeros(frames), torch.zeros_like(vertices)
+    bend = vertices[:-2] - 2 * vertices[1:-1] + vertices[2:]
+    scale = frames / ((frames - 2) * max(count, 1))
+    inner = bend.square().sum((-2, -1)) * scale
+    pull = bend * (2 * scale)
+    pads = (0, 0, 0, 0)
+    sides = [torch.nn.functional.pad(pull, (*pads, before, 2 - before)) for before in range(3)]
+    return torch.nn.functional.pad(inner, (1, 1)), sides[0] - 2 * sides[1] + sides[2]

@@ -22,7 +22,8 @@ class Topology:
     def __init__(self, mesh: Mesh) -> None:
         n, edges, faces = len(mesh.vertices), mesh.edges, mesh.faces
         self.n_vertices, self.n_edges = n, len(edges)
-        self.edges = edges
+        self.edges, self.faces = edges, faces
+        self.rest_vertices = mesh.vertices
         lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
         #: (E,) float64, metres, lengths of the template's edges.
         self.rest_lengths = torch.from_numpy(lengths)

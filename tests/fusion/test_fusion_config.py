@@ -33,7 +33,7 @@ def test_a_file_holds_only_differences(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("wieght_edge: 3\n", "wieght_edge.*known names: learning_rate_m"),
+        ("wieght_edge: 3\n", "wieght_edge.*known names: solver"),
         ("learning_rate_m: 5\n", "learning_rate_m"),
         ("weight_edge: .nan\n", "weight_edge"),
         ("- 1\n", "a mapping of names to values is wanted, found a list"),

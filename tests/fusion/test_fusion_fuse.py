@@ -7,7 +7,8 @@ from fusion_examples import cylinder_body, imager_of, leaning, true_maps, tube, 
 from scipy.ndimage import gaussian_filter
 
 from fusion import BodySdf, FusionConfig, Topology, clear_body, fuse
-from fusion.adam import TangentDistance, edge_stage, minimise, normal_stage
+from fusion.adam import AdamSolver, TangentDistance, minimise
+from fusion.stages import Problem
 from render import InputError
 
 FRAMES = 3
@@ -103,15 +104,15 @@ def test_batches_of_frames_equal_single_frames(scene):
 
 def test_batched_gradient_steps_are_those_of_single_frames_in_float64():
     mesh = tube()
-    topology, seen = Topology(mesh), torch.ones(len(mesh.vertices), dtype=torch.float64)
     noise = torch.randn(
         3, len(mesh.vertices), 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64
     )
     start = torch.from_numpy(mesh.vertices) + 0.003 * noise
-    config = FusionConfig(edge_steps=20)
-    together = edge_stage(start, topology, seen, config).vertices
+    solver = AdamSolver(Topology(mesh), FusionConfig(edge_steps=20))
+    together = solver.edge_stage(Problem(start=start, anchor=start)).vertices
     for frame in range(3):
-        alone = edge_stage(start[frame : frame + 1], topology, seen, config).vertices[0]
+        single = start[frame : frame + 1]
+        alone = solver.edge_stage(Problem(start=single, anchor=single)).vertices[0]
         torch.testing.assert_close(together[frame], alone, rtol=0, atol=1e-12)
 
 
@@ -125,10 +126,10 @@ def test_stages_leave_what_they_start_from_unchanged(scene):
     for layout in (lambda x: x.clone(), lambda x: x.transpose(0, 1).contiguous().transpose(0, 1)):
         start = layout(torch.from_numpy(scene["truth"]))
         kept = start.clone()
-        topology = Topology(scene["imager"].mesh)
-        found = normal_stage(start, topology, FusionConfig(normal_steps=3))
+        solver = AdamSolver(Topology(scene["imager"].mesh), FusionConfig(normal_steps=3))
+        found = solver.normal_stage(Problem(start=start, anchor=start))
         assert torch.equal(start, kept)
-        assert found.end["displacement_m2"].min() > 0
+        assert found.at(-1)["displacement_m2"].min() > 0
 
 
 def test_minimise_finds_a_known_minimum_and_reports_both_ends():
@@ -139,8 +140,9 @@ def test_minimise_finds_a_known_minimum_and_reports_both_ends():
 
     found = minimise(torch.zeros(1, 1, 3), terms, {"square": 7.0}, steps=300, learning_rate=1e-3)
     torch.testing.assert_close(found.vertices, goal, rtol=0, atol=1e-4)
-    torch.testing.assert_close(found.start["square"], torch.tensor([5e-4]))
-    assert found.end["square"].item() < 1e-8
+    torch.testing.assert_close(found.at(0)["square"], torch.tensor([5e-4]))
+    assert found.at(-1)["square"].item() < 1e-8
+    assert found.history["square"].shape == (301, 1)
 
 
 def test_positions_alone_stop_after_the_edge_stage(scene):
@@ -158,7 +160,7 @@ def test_normals_refine_given_vertices_without_position_maps(scene):
 
 
 def test_no_steps_return_the_initial_vertices(scene):
-    config = FusionConfig(edge_steps=0, normal_steps=0, clearance_rounds=0)
+    config = FusionConfig(edge_iterations=0, normal_iterations=0, clearance_rounds=0)
     result = fuse(scene["imager"], **maps_and_body(scene), config=config)
     np.testing.assert_array_equal(result.vertices, result.initial)
     assert result.report["terms"] == {}
@@ -218,7 +220,7 @@ def test_asking_for_the_distance_at_every_step_changes_little(scene):
 
 def test_background_is_ignored(scene):
     inputs = maps_and_body(scene, "positions", "normals")
-    config = FusionConfig(edge_steps=3, normal_steps=3)
+    config = FusionConfig(edge_iterations=3, normal_iterations=3)
     want = fuse(scene["imager"], **inputs, config=config).vertices
     outside = ~scene["imager"].mask[..., None]
     spoilt = {name: torch.where(outside, torch.nan, maps) for name, maps in inputs.items()}
@@ -226,7 +228,7 @@ def test_background_is_ignored(scene):
 
 
 def test_numpy_and_tensors_give_the_same_and_progress_counts_frames(scene):
-    config = FusionConfig(edge_steps=3, normal_steps=3, batch_frames=2)
+    config = FusionConfig(edge_iterations=3, normal_iterations=3, batch_frames=2)
     inputs = maps_and_body(scene)
     counts: list[int] = []
     arrays = {name: np.asarray(value) for name, value in inputs.items()}

@@ -16,6 +16,7 @@ from fusion import (
     normal_consistency_loss,
     normal_rendering_loss,
 )
+from fusion.losses import anchor_share, second_difference, temporal_loss
 from render import Mesh, vertex_normals
 
 TRIANGLE = Mesh(np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0]]), np.array([[0, 1, 2]]))
@@ -75,8 +76,39 @@ def test_displacement_by_hand_with_and_without_weights():
     anchor = torch.zeros(3, 3)
     vertices = torch.tensor([[0.3, 0, 0.4], [0, 0, 0], [1.0, 0, 0]])
     assert displacement_loss(vertices, anchor).item() == pytest.approx(1.25 / 3)
-    assert displacement_loss(vertices, anchor, torch.tensor([1.0, 1.0, 0.0])).item() == pytest.approx(0.125)
+    share = anchor_share(torch.tensor([True, True, False]))
+    assert displacement_loss(vertices, anchor, share).item() == pytest.approx(0.125)
     assert displacement_loss(vertices, anchor, torch.zeros(3)).item() == 0.0
+
+
+def test_a_vertex_s_confidence_scales_its_own_displacement_only():
+    seen, confidence = torch.tensor([True, True, False]), torch.tensor([[0.5, 1.0, 3.0], [1.0, 0.0, 1.0]])
+    assert anchor_share(seen, confidence).tolist() == [[0.25, 0.5, 0.0], [0.5, 0.0, 0.0]]
+    assert anchor_share(torch.zeros(3, dtype=torch.bool)).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_pixel_s_confidence_scales_its_own_distance_only():
+    rendered = torch.tensor([[0.0, 0, 1], [0, 1, 0]])
+    target = torch.tensor([[0.0, 0, -1], [0, 0, 1]])
+    want = (0.25 * 2 + 2 * np.sqrt(2)) / 2
+    found = normal_rendering_loss(rendered, target, torch.tensor([0.25, 2.0]))
+    assert found.item() == pytest.approx(want)
+
+
+def test_second_difference_by_hand():
+    """One vertex goes 0, 1, 4, 9 m along x: both second differences are 2 m, so each inner frame counts 4 · 4 / 2."""
+    vertices = torch.tensor([0.0, 1, 4, 9])[:, None, None] * torch.tensor([1.0, 0, 0])
+    assert temporal_loss(vertices).tolist() == [0.0, 8.0, 8.0, 0.0]
+    assert temporal_loss(vertices).mean().item() == 4.0
+    assert temporal_loss(vertices[:2]).tolist() == [0.0, 0.0]
+
+
+def test_second_difference_s_gradient_is_that_of_its_sum():
+    vertices = torch.randn(
+        5, 3, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64
+    ).requires_grad_()
+    (want,) = torch.autograd.grad(temporal_loss(vertices).sum(), vertices)
+    torch.testing.assert_close(second_difference(vertices.detach())[1], want)
 
 
 def test_collision_by_hand():
@@ -116,7 +148,7 @@ def test_gradcheck(name):
         "rendering": (partial(normal_rendering_loss, target=other), x),
         "consistency": (lambda v: normal_consistency_loss(topology.normals(v), topology), x),
         "displacement": (
-            partial(displacement_loss, anchor=other, weight=torch.tensor([1.0, 0.5, 0.0]).double()),
+            partial(displacement_loss, anchor=other, share=torch.tensor([1.0, 0.5, 0.0]).double()),
             x,
         ),
         "collision": (

@@ -1,0 +1,249 @@
+"""All that is constant over the frames of a fusion, and the solution of a batch of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from fusion.adam import AdamSolver
+from fusion.clearance import lift_clear
+from fusion.config import FusionConfig
+from fusion.initialise import InitialWeights, Readings
+from fusion.inputs import FusionInputs
+from fusion.local_global import LocalGlobalSolver
+from fusion.losses import anchor_share
+from fusion.obstacles import MovingObstacle, Obstacles, OuterSurface
+from fusion.sdf import BodySdf, SdfQuery
+from fusion.stages import Minimum, Problem, Solver
+from fusion.stencil import ShownFaces
+from fusion.stopwatch import Stopwatch
+from fusion.topology import Topology
+from render.imager import TemplateImager
+from render.mesh import safe_normalize
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One batch of frames, solved.
+
+    Args:
+        vertices, initial: (T, N, 3) float32, metres.
+        stages: what the solver found, by stage.
+        unseen: (T,) share of the vertices that were not read from the maps.
+        inside: (T,) share of the vertices below an obstacle's surface before and after the clean-up.
+    """
+
+    vertices: np.ndarray
+    initial: np.ndarray
+    stages: dict[str, Minimum]
+    unseen: np.ndarray
+    inside: tuple[np.ndarray, np.ndarray] | None
+
+
+class Pipeline:
+    """From maps to vertices for one template, batch by batch.
+
+    Args:
+        imager: of the template.
+        inputs: of all frames.
+        config: hyper-parameters.
+        device: computes.
+    """
+
+    def __init__(
+        self, imager: TemplateImager, inputs: FusionInputs, config: FusionConfig, device: torch.device
+    ) -> None:
+        self._inputs, self._config, self._device = inputs, config, device
+        self._topology = Topology(imager.mesh)
+        self._weights = InitialWeights(imager) if inputs.positions is not None else None
+        self._seen = torch.from_numpy(imager.visible.any(axis=0)).to(device)
+        self._shown = ShownFaces.of(imager.raster, self._topology)
+        self._fixed: torch.Tensor | None = None
+        if inputs.pinned is not None:
+            self._fixed = torch.zeros(len(imager.mesh.vertices), dtype=torch.bool, device=device)
+            self._fixed[inputs.pinned] = True
+        self._obstacle = _obstacle(inputs, config, device)
+        self._solver = self._make_solver()
+        self._confidence = inputs.confidence
+        if self._confidence is not None and bool((self._confidence[:, imager.mask] == 1).all()):
+            self._confidence = None  # to the last bit the same
+        self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
+
+    def batches(self) -> Iterator[slice]:
+        """The frames to solve together: all of them where they depend on each other, one where each awaits another."""
+        frames = self._inputs.n_frames
+        size = self._config.batch_frames
+        if self._config.weight_temporal:
+            size = frames
+        elif self._config.warm_start:
+            size = 1
+        return (slice(first, first + size) for first in range(0, frames, size))
+
+    def solve(self, frames: slice, watch: Stopwatch) -> Piece:
+        """Both stages and the clean-up of some frames."""
+        stages: dict[str, Minimum] = {}
+        inputs, config = self._inputs, self._config
+        with watch.stage("start"):
+            readings = self._readings(frames)
+            target, confidence = self._target(frames)
+            if self._obstacle is not None:
+                self._obstacle.update(
+                    *(v[frames] for v in (inputs.body_vertices, inputs.under_vertices) if v is not None)
+                )
+        vertices = initial = readings.vertices
+        if inputs.positions is not None and _any_steps(config, "edge"):
+            share = anchor_share(
+                self._seen if readings.confidence is None else readings.seen, readings.confidence
+            )
+            problem = Problem(start=self._started("edge", initial), anchor=initial, share=share)
+            with watch.stage("edge"):
+                stages["edge"] = self._solver.edge_stage(problem)
+            vertices = self._kept("edge", initial, stages["edge"])
+        if _any_steps(config, "normal") and (target is not None or self._obstacle is not None):
+            problem = Problem(
+                start=self._started("normal", vertices),
+                anchor=vertices,
+                target=target,
+                confidence=confidence,
+                obstacle=self._obstacle,
+            )
+            with watch.stage("normal"):
+                stages["normal"] = self._solver.normal_stage(problem)
+            vertices = self._kept("normal", vertices, stages["normal"])
+        inside = None
+        if self._obstacle is not None:
+            with watch.stage("clearance"):
+                vertices, inside = self._cleared(vertices)
+        unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
+        return Piece(_array(vertices), _array(initial), stages, unseen, inside)
+
+    def _make_solver(self) -> Solver:
+        config = self._config
+        if config.solver == "adam":
+            pixels = None if self._inputs.normals is None else self._shown.product(self._topology.n_vertices)
+            return AdamSolver(self._topology, config, pixels=pixels, fixed=self._fixed)
+        return LocalGlobalSolver(
+            self._topology, config, seen=self._seen, shown=self._shown, device=self._device, fixed=self._fixed
+        )
+
+    def _readings(self, frames: slice) -> Readings:
+        """Vertices from the position maps, or those given; pinned ones where they are wanted."""
+        inputs = self._inputs
+        if self._weights is not None:
+            assert inputs.positions is not None
+            confidence = None if self._confidence is None else self._confidence[frames].to(self._device)
+            readings = self._weights.read(inputs.positions[frames].to(self._device), confidence)
+        else:
+            assert inputs.initial is not None
+            vertices = inputs.initial[frames].to(self._device)
+            readings = Readings(vertices, self._seen.expand(len(vertices), -1))
+        if inputs.pinned_positions is None:
+            return readings
+        pinned = readings.vertices.clone()
+        pinned[:, inputs.pinned] = inputs.pinned_positions[frames].to(pinned)
+        return replace(readings, vertices=pinned)
+
+    def _target(self, frames: slice) -> tuple[torch.Tensor | None, torch.Tensor | None]:
+        """(T, P, 3) unit normals at the covered pixels, and their confidence (T, P).
+
+        A network's average of normals is shorter than 1.
+        """
+        inputs, places = self._inputs, self._shown.places
+        if inputs.normals is None:
+            return None, None
+        target = safe_normalize(inputs.normals[frames].flatten(1, 3)[:, places].to(self._device))
+        if self._confidence is None:
+            return target, None
+        return target, self._confidence[frames].flatten(1)[:, places].to(self._device)
+
+    def _started(self, stage: str, vertices: torch.Tensor) -> torch.Tensor:
+        """Where to start: `vertices`, moved as in the frame before for a warm start."""
+        change = self._changes.get(stage)
+        return vertices if change is None else vertices + change
+
+    def _kept(self, stage: str, before: torch.Tensor, found: Minimum) -> torch.Tensor:
+        """The stage's result; for a warm start, what it changed is kept for the next frame."""
+        if self._config.warm_start:
+            self._changes[stage] = found.vertices - before
+        return found.vertices
+
+    def _cleared(self, vertices: torch.Tensor) -> tuple[torch.Tensor, tuple[np.ndarray, np.ndarray]]:
+        """The vertices after the clean-up, and the shares inside (T,) before and after."""
+        assert self._obstacle is not None
+        before = self._obstacle.query(vertices).distance
+        cleared = lift_clear(
+            vertices,
+            self._obstacle,
+            self._topology,
+            clearance_m=self._config.clearance_m,
+            rounds=self._config.clearance_rounds,
+            fixed=self._fixed,
+        )
+        shares = [(distance < 0).float().mean(-1).cpu().numpy() for distance in (before, cleared.distance)]
+        return cleared.vertices, (shares[0], shares[1])
+
+
+class _Remembering:
+    """An obstacle that remembers its last answer: solver, report and clean-up ask about the same vertices."""
+
+    def __init__(self, obstacle: Obstacles) -> None:
+        self._obstacle = obstacle
+        self._last: tuple[torch.Tensor, SdfQuery] | None = None
+
+    def update(self, *vertices: torch.Tensor) -> None:
+        """As `Obstacles.update`."""
+        self._last = None
+        self._obstacle.update(*vertices)
+
+    def query(self, points: torch.Tensor) -> SdfQuery:
+        """As `Obstacles.query`."""
+        if (
+            self._last is None
+            or self._last[0].shape != points.shape
+            or not torch.equal(self._last[0], points)
+        ):
+            self._last = points.detach().clone(), self._obstacle.query(points)
+        return self._last[1]
+
+    def distance(self, points: torch.Tensor) -> torch.Tensor:
+        """As `Obstacles.distance`."""
+        return self._obstacle.distance(points)
+
+
+def _obstacle(inputs: FusionInputs, config: FusionConfig, device: torch.device) -> _Remembering | None:
+    """Body and garment beneath as one, None without either."""
+    parts: list[MovingObstacle] = []
+    if inputs.body_vertices is not None:
+        assert inputs.body_faces is not None
+        count = inputs.body_vertices.shape[1]
+        parts.append(BodySdf(inputs.body_faces, count, device=device, band_m=config.sdf_band_m))
+    if inputs.under_vertices is not None:
+        assert inputs.under_faces is not None
+        parts.append(
+            OuterSurface(
+                inputs.under_faces,
+                inputs.under_vertices.shape[1],
+                device=device,
+                offset_m=config.under_margin_m,
+                band_m=config.sdf_band_m,
+            )
+        )
+    return _Remembering(Obstacles(parts)) if parts else None
+
+
+def _any_steps(config: FusionConfig, stage: str) -> bool:
+    """Whether the chosen solver does anything in `stage`."""
+    steps = {
+        ("adam", "edge"): config.edge_steps,
+        ("adam", "normal"): config.normal_steps,
+        ("local_global", "edge"): config.edge_iterations,
+        ("local_global", "normal"): config.normal_iterations,
+    }
+    return steps[config.solver, stage] > 0
+
+
+def _array(vertices: torch.Tensor) -> np.ndarray:
+    return np.ascontiguousarray(vertices.cpu().numpy(), np.float32)

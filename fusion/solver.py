@@ -1,0 +1,246 @@
+"""Quasi-Newton descent around a prefactorised system: every step is one back-substitution per frame and axis.
+
+The first step is that of a local-global solver: the gradient of the edge term is what remains after each edge has been
+scaled to its rest length by itself, and the system distributes it over the cloth. From then on the last few steps
+correct the system's curvature (Liu, Bouaziz and Kavan 2017, "Quasi-Newton methods for real-time simulation of
+hyperelastic materials").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from fusion.contact import Contact
+from fusion.energy import Energy
+from fusion.factor import Factor
+
+_PAIRS = 8  # steps remembered
+_SUFFICIENT = 1e-4  # share of the decrease that the gradient promises which a step must reach (Armijo)
+_HALVINGS = 12  # of a step that does not; after the last the frame is finished
+_CURVATURE = 1e-4  # cosine between a step and its change of gradient below which it is not remembered
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """What `descend` found.
+
+    Args:
+        vertices: (T, N, 3) metres.
+        iterations: (T,) int64, steps taken.
+        history: (K, T, 5) float64, the energy's terms at the start and after each of the K - 1 steps of the longest
+            frame.
+        depths: (K, T), mean depth of the vertices in the obstacle, metres: at the start, as last looked, at the end;
+            None without obstacle.
+    """
+
+    vertices: torch.Tensor
+    iterations: torch.Tensor
+    history: torch.Tensor
+    depths: torch.Tensor | None
+
+
+def descend(
+    energy: Energy,
+    factor: Factor,
+    start: torch.Tensor,
+    *,
+    steps: int,
+    tolerance: float,
+    loose: torch.Tensor | None = None,
+    contact: Contact | None = None,
+) -> Descent:
+    """Minimise the energy outside of the obstacle; every frame by itself, unless the energy couples them.
+
+    A vertex that touches the obstacle and is pushed into it slides along its tangent plane: an active set, which
+    takes the place of the collision term (exact for a weight above the push).
+
+    Args:
+        energy: of T frames.
+        factor: of an estimate of its Hessian, the better the sooner.
+        start: (T, N, 3) metres, dtype and device of the energy.
+        steps: at most.
+        tolerance: relative decrease of the energy in one step below which a frame is finished.
+        loose: (N, 1) 1 for vertices that may move, 0 for those that are held; None for all.
+        contact: the obstacle.
+    """
+    return _Run(energy, factor, start, loose, contact).run(steps, tolerance)
+
+
+class _Run:
+    """State of one `descend`; G = T independent problems, or one if the frames are coupled."""
+
+    def __init__(
+        self,
+        energy: Energy,
+        factor: Factor,
+        start: torch.Tensor,
+        loose: torch.Tensor | None,
+        contact: Contact | None,
+    ) -> None:
+        self._energy, self._factor, self._loose, self._contact = energy, factor, loose, contact
+        self._groups = 1 if energy.coupled else len(start)
+        self._x = start.clone(memory_format=torch.contiguous_format)
+        self._memory = _Memory(self._flat(self._x))
+        self._going = torch.ones(self._groups, dtype=torch.bool, device=start.device)
+
+    def run(self, steps: int, tolerance: float) -> Descent:
+        iterations = torch.zeros(self._groups, dtype=torch.int64, device=self._x.device)
+        contact = self._contact
+        history = [self._place()]
+        depths = [contact.depth] if contact else []
+        for step in range(steps):
+            if contact is not None and step and contact.due(step):
+                self._place()
+            before = self._value
+            history.append(self._step())
+            iterations += self._going
+            if contact is not None:
+                depths.append(contact.depth)
+            self._going = self._going & (before - self._value > tolerance * before.abs())
+            if not bool(self._going.any()):
+                break
+        if contact is not None:
+            contact.look(self._x)
+            depths[-1] = contact.depth
+        return Descent(
+            self._x,
+            iterations.expand(len(self._x)).clone(),
+            torch.stack(history),
+            torch.stack(depths) if depths else None,
+        )
+
+    def _place(self) -> torch.Tensor:
+        """Look where the obstacle is, leave it, and evaluate there."""
+        if self._contact is not None:
+            self._contact.look(self._x)
+            self._x = self._contact.pushed_out(self._x)
+        self._energy.vertices.copy_(self._x)
+        self._energy.active.fill_(1)
+        terms = self._energy.evaluate()
+        self._value = self._weighted(terms)
+        self._gradient = self._energy.gradient.clone()
+        return terms
+
+    def _step(self) -> torch.Tensor:
+        """One step of all frames that are still going; the terms after it."""
+        free = self._free()
+        gradient = free(self._gradient)
+        flat = self._memory.direction(
+            self._flat(gradient),
+            lambda rest: self._flat(free(self._factor.solve(free(rest.view_as(gradient))))),
+        )
+        # Projected last, so that it descends whatever walls the remembered steps were taken at.
+        flat = torch.where(self._going[:, None], self._flat(free(flat.view_as(gradient))), 0)
+        slope = _dot(flat, self._flat(gradient))[:, 0].double()
+        terms, taken = self._searched(flat.view_as(gradient), slope)
+        self._going = self._going & taken
+        step = free(self._energy.vertices - self._x)
+        change = free(self._energy.gradient - self._gradient)
+        self._memory.add(self._flat(step), self._flat(change))
+        self._x, self._gradient = self._energy.vertices.clone(), self._energy.gradient.clone()
+        self._value = self._weighted(terms)
+        return terms
+
+    def _searched(self, direction: torch.Tensor, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Halve each problem's step until the energy falls enough: terms there, and whether it did (G,)."""
+        length = torch.ones_like(slope)
+        trying = self._going
+        for halving in range(_HALVINGS + 1):
+            if halving == _HALVINGS:  # nowhere to go within rounding: stay
+                length = torch.where(trying, 0, length)
+            self._try(direction, length, trying)
+            terms = self._energy.evaluate()
+            failed = trying & ~(self._weighted(terms) <= self._value + _SUFFICIENT * length * slope)
+            if not bool(failed.any()) or halving == _HALVINGS:
+                break
+            trying = failed
+            length = torch.where(failed, 0.5 * length, length)
+        return terms, length > 0
+
+    def _try(self, direction: torch.Tensor, length: torch.Tensor, trying: torch.Tensor) -> None:
+        """Put the vertices of the problems that are trying where their steps lead."""
+        frames = len(self._x)
+        factor = length.to(direction).expand(frames)[:, None, None]
+        trial = torch.addcmul(self._x, factor, direction)
+        if self._contact is not None:
+            trial = self._contact.pushed_out(trial)
+        chosen = trying.expand(frames)
+        self._energy.active.copy_(chosen)
+        torch.where(chosen[:, None, None], trial, self._energy.vertices, out=self._energy.vertices)
+
+    def _free(self) -> Callable[[torch.Tensor], torch.Tensor]:
+        """The projection onto the directions in which vertices may move now."""
+        wall = None if self._contact is None else self._contact.wall(self._x, self._gradient)
+        loose = self._loose
+
+        def free(vectors: torch.Tensor) -> torch.Tensor:
+            if wall is not None:
+                vectors = vectors - wall * (wall * vectors).sum(-1, keepdim=True)
+            return vectors if loose is None else vectors * loose
+
+        return free
+
+    def _flat(self, vectors: torch.Tensor) -> torch.Tensor:
+        return vectors.reshape(self._groups, -1)
+
+    def _weighted(self, terms: torch.Tensor) -> torch.Tensor:
+        """(T, 5) to the energies of the problems (G,)."""
+        return (terms * self._energy.factors).sum(-1).view(self._groups, -1).sum(-1)
+
+
+class _Memory:
+    """The last steps s and changes of gradient y of G problems, and the inverse Hessian that they suggest.
+
+    The two-loop recursion of L-BFGS with all its products taken at once: both loops are triangular systems in the
+    products s_i · y_j.
+    """
+
+    def __init__(self, like: torch.Tensor) -> None:
+        groups, size = like.shape
+        self._steps = like.new_zeros(groups, _PAIRS, size)
+        self._changes = like.new_zeros(groups, _PAIRS, size)
+        self._products = like.new_zeros(groups, _PAIRS, _PAIRS)  # s_i · y_j, oldest pair first in `_order`
+        self._order: list[int] = []
+
+    def add(self, step: torch.Tensor, change: torch.Tensor) -> None:
+        """Keep a pair (G, D); a problem in which it has no positive curvature keeps nothing."""
+        place = len(self._order) if len(self._order) < _PAIRS else self._order.pop(0)
+        self._order.append(place)
+        good = _dot(step, change) > _CURVATURE * (_dot(step, step) * _dot(change, change)).sqrt()
+        self._steps[:, place] = torch.where(good, step, 0)
+        self._changes[:, place] = torch.where(good, change, 0)
+        self._products[:, :, place] = (self._steps @ self._changes[:, place, :, None])[..., 0]
+        self._products[:, place] = (self._changes @ self._steps[:, place, :, None])[..., 0]
+
+    def direction(
+        self, gradient: torch.Tensor, precondition: Callable[[torch.Tensor], torch.Tensor]
+    ) -> torch.Tensor:
+        """Minus the inverse Hessian's estimate times the gradient (G, D)."""
+        if not self._order:
+            return -precondition(gradient)
+        order = torch.tensor(self._order, device=gradient.device)
+        products = self._products[:, order[:, None], order]
+        diagonal = products.diagonal(dim1=1, dim2=2)
+        diagonal = torch.where(diagonal > 0, diagonal, 1)
+        later = products.triu(1) + torch.diag_embed(diagonal)
+        earlier = torch.diag_embed(diagonal) + products.mT.tril(-1)
+        along = (self._steps @ gradient[..., None])[:, order]
+        first = torch.linalg.solve_triangular(later, along, upper=True)
+        found = precondition(gradient - self._combined(self._changes, first, order))
+        along = diagonal[..., None] * first - (self._changes @ found[..., None])[:, order]
+        second = torch.linalg.solve_triangular(earlier, along, upper=False)
+        return -(found + self._combined(self._steps, second, order))
+
+    def _combined(self, vectors: torch.Tensor, shares: torch.Tensor, order: torch.Tensor) -> torch.Tensor:
+        """Σ share · vector: (G, D)."""
+        by_place = shares.new_zeros(len(shares), 1, _PAIRS)
+        by_place[:, 0, order] = shares[..., 0]
+        return (by_place @ vectors)[:, 0]
+
+
+def _dot(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+    """(G, D) and (G, D) to (G, 1)."""
+    return (first * second).sum(-1, keepdim=True)

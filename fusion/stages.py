@@ -1,0 +1,98 @@
+"""What a solver is given and what it returns: the two stages of section 3.3 of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+
+from fusion.config import FusionConfig
+from fusion.sdf import Obstacle
+
+CENTIMETRES = 100.0  # in a metre; the unit of lengths that the weights are made for
+Terms = dict[str, torch.Tensor]  # by name, one value a frame: (..., T)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """T frames of one stage.
+
+    Args:
+        start: (T, N, 3) metres, where to start.
+        anchor: (T, N, 3) metres, where displacements are measured from.
+        share: (T, N) or (N,), what each vertex's displacement counts; None: 1 / N each.
+        target: (T, P, 3) unit normals at the P covered pixels, ordered as `ShownFaces.places`.
+        confidence: (T, P), what each pixel counts; None: 1 each.
+        obstacle: the T posed bodies, or whatever vertices must stay outside of.
+    """
+
+    start: torch.Tensor
+    anchor: torch.Tensor
+    share: torch.Tensor | None = None
+    target: torch.Tensor | None = None
+    confidence: torch.Tensor | None = None
+    obstacle: Obstacle | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """What a solver found.
+
+    Args:
+        vertices: (T, N, 3) metres.
+        history: the terms (K, T), unweighted, in metres: before the first, and after each of K - 1 steps.
+        iterations: (T,) int64, steps taken.
+    """
+
+    vertices: torch.Tensor
+    history: Terms
+    iterations: torch.Tensor
+
+    def at(self, step: int) -> Terms:
+        """The terms (T,) after so many steps, -1 for the last."""
+        return {name: values[step] for name, values in self.history.items()}
+
+
+class Solver(Protocol):
+    """Either solver, made once for a template."""
+
+    def edge_stage(self, problem: Problem) -> Minimum:
+        """First stage: edge lengths and displacements."""
+        ...
+
+    def normal_stage(self, problem: Problem) -> Minimum:
+        """Second stage, equation 8; the terms whose input is missing are left out."""
+        ...
+
+
+def edge_weights(config: FusionConfig) -> dict[str, float]:
+    """Weights of the first stage by term, for terms in metres."""
+    weights = {
+        "edge_length_m2": CENTIMETRES**2,
+        "displacement_m2": config.weight_displacement * CENTIMETRES**2,
+    }
+    return weights | _temporal(config)
+
+
+def normal_weights(config: FusionConfig) -> dict[str, float]:
+    """Weights of the second stage by term, for terms in metres."""
+    weights = {
+        "normal_rendering": 1.0,
+        "normal_consistency": config.weight_consistency,
+        "edge_length_m2": config.weight_edge * CENTIMETRES**2,
+        "displacement_m2": config.weight_displacement * CENTIMETRES**2,
+        "collision_m": config.weight_collision * CENTIMETRES,
+    }
+    return weights | _temporal(config)
+
+
+def _temporal(config: FusionConfig) -> dict[str, float]:
+    """The temporal term's weight where it has one; without, the term is neither computed nor reported."""
+    return {"temporal_m2": config.weight_temporal * CENTIMETRES**2} if config.weight_temporal else {}
+
+
+def total(terms: Terms, weights: Mapping[str, float]) -> torch.Tensor:
+    """The weighted sum of the terms."""
+    return torch.stack([weights[name] * value for name, value in terms.items()]).sum(0)
