@@ -32,6 +32,7 @@ class TemplateImager:
         mask: (S, H, W) bool tensor, the silhouette.
         visible: (S, N) bool array, which vertices each view sees and can be read at.
         faces: (F, 3) int64 tensor.
+        normals: vertex normals (..., N, 3) of vertices (..., N, 3).
         size: (height, width).
     """
 
@@ -41,7 +42,7 @@ class TemplateImager:
         self.faces = torch.from_numpy(mesh.faces)
         self.operator = MapOperator(raster, mesh.faces, len(mesh.vertices))
         self.mask = self.operator.mask
-        self._normals = VertexNormals(mesh.faces, len(mesh.vertices))
+        self.normals = VertexNormals(mesh.faces, len(mesh.vertices))
         self._sampler: SparseProduct
         self._sampler, self.visible = sampling(mesh, cameras, raster)
 
@@ -88,7 +89,7 @@ class TemplateImager:
         Interpolated between the vertices and not scaled to unit length again, so the map is linear in the
         normals.
         """
-        return self.operator(encode_normals(self._normals(vertices)))
+        return self.operator(encode_normals(self.normals(vertices)))
 
     def maps(self, vertices: torch.Tensor, box: PositionBox) -> tuple[torch.Tensor, torch.Tensor]:
         """Position and normal maps by one product, in little more time than either of them takes.
@@ -100,7 +101,7 @@ class TemplateImager:
         Returns:
             What `position_maps` and `normal_maps` give, as views of one (..., S, H, W, 6) tensor.
         """
-        images = self.operator(torch.cat([box.encode(vertices), encode_normals(self._normals(vertices))], -1))
+        images = self.operator(torch.cat([box.encode(vertices), encode_normals(self.normals(vertices))], -1))
         return images[..., :3], images[..., 3:]
 
     def sample(self, images: torch.Tensor) -> torch.Tensor:

@@ -27,6 +27,13 @@ class VertexNormals:
         """(..., N, 3) float32 or float64 to unit vectors (..., N, 3), exactly 0 where no face has an area."""
         if vertices.device not in self._corners:
             self._corners[vertices.device] = self._corners[torch.device("cpu")].to(vertices.device)
+        if vertices.ndim == 2 or vertices.numel() == 0 or vertices.device.type != "cpu":
+            return self._together(vertices)
+        # One frame after the other stays in the processor's cache.
+        frames = [self._together(frame) for frame in vertices.flatten(0, -3)]
+        return torch.stack(frames).reshape(vertices.shape)
+
+    def _together(self, vertices: torch.Tensor) -> torch.Tensor:
         corners = self._corners[vertices.device]
         first, second, third = (vertices.index_select(-2, corner) for corner in corners)
         face_normal = torch.linalg.cross(second - first, third - first, dim=-1)  # twice the area long

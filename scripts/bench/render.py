@@ -1,22 +1,22 @@
-#!/usr/bin/env python
 """Making position and normal maps, two views of 256 x 256: the sparse operator against its alternatives.
 
-  operator       TemplateImager.position_maps and normal_maps, one frame
-  batch          the same for 32 frames at once, per frame
+  operator       TemplateImager.maps, one frame
   rerasterise    OpenGL draws the template again for every frame, positions and normals interpolated by it
                  (context, program and template buffers kept open), and the maps are read back
   gather         NumPy: face ids and barycentrics known, corners gathered and blended
-All four include vertex normals by render.vertex_normals (normals_ms). Torch and the software rasteriser use one
-thread each (LP_NUM_THREADS overrides the latter).
+Each is also given 32 frames at once (batch, in ms a frame). All include the same vertex normals (normals_ms).
+Torch and the software rasteriser use one thread each (LP_NUM_THREADS overrides the latter).
 
-Further: the bytes that the bare product must move in the time that a copy of as many bytes takes; forward and
-backward of the product against torch's own; drawing face ids by OpenGL against the NumPy reference.
+Further: the bytes that the bare product must move in the time that a copy of as many bytes takes; the product and its
+gradient against torch's own sparse matrices; drawing face ids by OpenGL against the NumPy reference. On a machine with
+CUDA a section more for each template: frames a second on the GPU.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -27,11 +27,13 @@ import torch
 # This folder's own render.py must not hide the package.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from render import Camera, Mesh, PositionBox, TemplateImager, encode_normals, rasterize, vertex_normals
+from render import Camera, Mesh, PositionBox, TemplateImager, encode_normals, rasterize
 from render.context import GL_BACKENDS, GLContext, GLUnavailableError, open_context
-from scripts.bench import shapes
+from scripts.bench import cloth
 from scripts.bench.measuring import Results, command, interleaved
 
+TEMPLATES = {"tshirt": (cloth.TSHIRT, 4400), "dress": (cloth.DRESS, 12100)}  # and about how many vertices
+GPU_BATCHES = (1, 32, 256)
 _VERTEX_SHADER = """
 #version 330
 uniform mat4 to_clip;
@@ -114,71 +116,74 @@ class Gather:
         self._shape = (*raster.face_id.shape, 6)
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """(N, 6) float32 -> (S, H, W, 6) float32, background 0."""
-        images = np.zeros(self._shape, np.float32)
-        images.reshape(-1, 6)[self._places] = np.einsum("pk,pkc->pc", self._weights, values[self._corners])
+        """(T, N, 6) float32 -> (T, S, H, W, 6) float32, background 0."""
+        images = np.zeros((len(values), *self._shape), np.float32)
+        for image, frame in zip(images, values, strict=True):
+            blended = np.einsum("pk,pkc->pc", self._weights, frame[self._corners])
+            image.reshape(-1, 6)[self._places] = blended
         return images
 
 
 def measure(quick: bool) -> Results:
-    """All numbers, one section a template."""
+    """All numbers, one section a template, and one more for each where there is CUDA."""
     os.environ.setdefault("LP_NUM_THREADS", "1")  # read by Mesa's software rasteriser when its context opens
-    templates = {"tube_4k": shapes.SMALL, "tube_12k": shapes.LARGE}
-    if quick:
-        templates = {"tube_0.2k": (20, 10)}
     size, batch, rounds = ((48, 48), 2, 1) if quick else ((256, 256), 32, 9)
     backend = _backend()
-    return {
-        name: _template(shapes.garment(*shape), backend, size, batch, rounds)
-        for name, shape in templates.items()
-    }
-
-
-def _template(mesh: Mesh, backend: str, size: tuple[int, int], batch: int, rounds: int) -> dict[str, float]:
-    imager = TemplateImager.build(mesh, size=size, backend=backend)
-    frames = torch.from_numpy(shapes.wrinkled(mesh, batch))
-    return {
-        "vertices": len(mesh.vertices),
-        "faces": len(mesh.faces),
-        "covered_pixels": int(imager.raster.mask.sum()),
-        **_maps(imager, frames, rounds),
-        **_bandwidth(imager, frames, rounds),
-        **_backward(imager, frames[-1], rounds),
-        **_rasterisers(imager, min(rounds, 3)),
-    }
+    results: Results = {}
+    for name, (cut, n_vertices) in TEMPLATES.items():
+        mesh = cloth.garment(cut, 300 if quick else n_vertices)
+        frames = torch.from_numpy(cloth.moved(mesh.vertices, batch).astype(np.float32))
+        started = time.perf_counter()
+        imager = TemplateImager.build(mesh, size=size, backend=backend)
+        results[name] = {
+            "vertices": len(mesh.vertices),
+            "faces": len(mesh.faces),
+            "covered_pixels": int(imager.raster.mask.sum()),
+            "setup_seconds": time.perf_counter() - started,
+            **_maps(imager, frames, rounds),
+            **_bandwidth(imager, frames, rounds),
+            **_torch_sparse(imager, frames[-1], rounds),
+            **_rasterisers(imager, min(rounds, 3)),
+        }
+        if torch.cuda.is_available():
+            results[f"{name}_gpu"] = _gpu(imager, frames, rounds)
+    return results
 
 
 def _maps(imager: TemplateImager, frames: torch.Tensor, rounds: int) -> dict[str, float]:
-    """The four ways to make maps."""
-    box, one, batch = PositionBox.around(frames.numpy()), frames[-1], len(frames)
+    """The three ways to make maps, one frame and many."""
+    box, one, batch = PositionBox.around(frames.numpy()), frames[-1:], len(frames)
     gather = Gather(imager)
 
-    def values() -> np.ndarray:
-        return torch.cat([box.encode(one), encode_normals(vertex_normals(one, imager.faces))], 1).numpy()
+    def values(some: torch.Tensor) -> np.ndarray:
+        return torch.cat([box.encode(some), encode_normals(imager.normals(some))], -1).numpy()
 
     with open_context(imager.raster.backend) as context:
         draw = Rerasteriser(context, imager.mesh, imager.cameras)
-        _check_same(imager, draw(values()), gather(values()))
+
+        def drawn(some: torch.Tensor) -> list[np.ndarray]:
+            return [draw(frame) for frame in values(some)]
+
+        _check_same(imager, drawn(one)[0], gather(values(one))[0])
         times = interleaved(
             {
-                "operator": lambda: (imager.position_maps(one, box), imager.normal_maps(one)),
-                "batch": lambda: (imager.position_maps(frames, box), imager.normal_maps(frames)),
-                "rerasterise": lambda: draw(values()),
-                "gather": lambda: gather(values()),
-                "normals": lambda: vertex_normals(one, imager.faces),
+                "operator": lambda: imager.maps(one, box),
+                "operator_batch": lambda: imager.maps(frames, box),
+                "rerasterise": lambda: drawn(one),
+                "rerasterise_batch": lambda: drawn(frames),
+                "gather": lambda: gather(values(one)),
+                "gather_batch": lambda: gather(values(frames)),
+                "normals": lambda: imager.normals(one),
             },
             rounds=rounds,
         )
-    return {
-        "operator_ms": times.ms("operator"),
-        "operator_batch_ms": times.ms("batch") / batch,
-        "rerasterise_ms": times.ms("rerasterise"),
-        "gather_ms": times.ms("gather"),
-        "normals_ms": times.ms("normals"),
-        "ratio_to_rerasterise": times.ratio("rerasterise", "operator"),
-        "ratio_to_rerasterise_batch": batch * times.ratio("rerasterise", "batch"),
-        "ratio_to_gather": times.ratio("gather", "operator"),
-    }
+    found = {f"{name}_ms": times.ms(name) for name in ("operator", "rerasterise", "gather", "normals")}
+    for name in ("operator", "rerasterise", "gather"):
+        found[f"{name}_batch_ms"] = times.ms(f"{name}_batch") / batch
+    for end in ("", "_batch"):
+        found[f"speedup_over_rerasterising{end}"] = times.ratio(f"rerasterise{end}", f"operator{end}")
+        found[f"speedup_over_gather{end}"] = times.ratio(f"gather{end}", f"operator{end}")
+    return found
 
 
 def _check_same(imager: TemplateImager, drawn: np.ndarray, gathered: np.ndarray) -> None:
@@ -195,38 +200,52 @@ def _bandwidth(imager: TemplateImager, frames: torch.Tensor, rounds: int) -> dic
     entries = 3 * int(imager.raster.mask.sum())
     for name, some in (("", frames[:1]), ("_batch", frames)):
         attributes = torch.cat([some, some], dim=-1)
-        # Values float32, columns and row starts int64; dense factor read and product written once.
-        moved = entries * (4 + 8) + 8 * (pixels + 1) + 4 * 6 * len(some) * (vertices + pixels)
+        # Values float32, columns and row starts int32; dense factor read and product written once.
+        moved = entries * (4 + 4) + 4 * (pixels + 1) + 4 * 6 * len(some) * (vertices + pixels)
         source = torch.rand(moved // 8)
         target = torch.empty_like(source)
         times = interleaved(
             {
                 "product": partial(imager.operator, attributes),
                 "copy": partial(target.copy_, source),
+                "new": source.clone,
             },
             rounds=rounds,
         )
         found[f"gigabytes_per_second{name}"] = moved / times.s("product") / 1e9
         found[f"fraction_of_copy_bandwidth{name}"] = times.ratio("copy", "product")
+        found[f"fraction_of_copy_to_new_memory{name}"] = times.ratio("new", "product")
     return found
 
 
-def _backward(imager: TemplateImager, vertices: torch.Tensor, rounds: int) -> dict[str, float]:
-    """Forward and backward, with the transpose that is kept and with torch's own sparse product."""
+def _torch_sparse(imager: TemplateImager, vertices: torch.Tensor, rounds: int) -> dict[str, float]:
+    """The product, and with its gradient, against torch's own sparse matrices."""
     attributes = torch.cat([vertices, vertices], dim=-1).requires_grad_()
-    matrix = imager.operator._product.placed(attributes.device, attributes.dtype)[0]
+    plain = attributes.detach()
+    places = np.flatnonzero(imager.raster.mask)
+    corners = imager.mesh.faces[imager.raster.face_id.reshape(-1)[places]]
+    weights = imager.raster.barycentric.reshape(-1, 3)[places].astype(np.float32)
+    entries = torch.from_numpy(np.stack([np.repeat(places, 3), corners.reshape(-1)]))
+    shape = (imager.raster.face_id.size, len(vertices))
+    values = torch.from_numpy(weights.reshape(-1))
+    matrix = torch.sparse_coo_tensor(entries, values, shape, check_invariants=True).to_sparse_csr()
     upstream = torch.rand(matrix.shape[0], 6)
     flat = upstream.reshape(*imager.mask.shape, 6)
     times = interleaved(
         {
-            "kept": lambda: torch.autograd.grad(imager.operator(attributes), attributes, flat),
-            "torch": lambda: torch.autograd.grad(torch.sparse.mm(matrix, attributes), attributes, upstream),
+            "ours": lambda: imager.operator(plain),
+            "torch": lambda: matrix @ plain,
+            "ours_backward": lambda: torch.autograd.grad(imager.operator(attributes), attributes, flat),
+            "torch_backward": lambda: torch.autograd.grad(
+                torch.sparse.mm(matrix, attributes), attributes, upstream
+            ),
         },
         rounds=rounds,
     )
     return {
-        "forward_backward_ms": times.ms("kept"),
-        "ratio_torch_sparse_to_ours_backward": times.ratio("torch", "kept"),
+        "ratio_torch_sparse_to_ours": times.ratio("torch", "ours"),
+        "forward_backward_ms": times.ms("ours_backward"),
+        "ratio_torch_sparse_to_ours_backward": times.ratio("torch_backward", "ours_backward"),
     }
 
 
@@ -240,6 +259,29 @@ def _rasterisers(imager: TemplateImager, rounds: int) -> dict[str, float]:
         rounds=rounds,
     )
     return {"rasterize_gl_ms": times.ms("gl"), "ratio_numpy_rasteriser_to_gl": times.ratio("numpy", "gl")}
+
+
+def _gpu(imager: TemplateImager, frames: torch.Tensor, rounds: int) -> dict[str, float]:
+    """Frames a second on the GPU: vertices and maps stay there, the product alone and with its gradient."""
+    box = PositionBox.around(frames.numpy())
+    found = {}
+    for batch in GPU_BATCHES:
+        some = frames[torch.arange(batch) % len(frames)].cuda().requires_grad_()
+
+        def maps(some: torch.Tensor = some) -> None:
+            with torch.no_grad():
+                imager.maps(some, box)
+            torch.cuda.synchronize()
+
+        def both(some: torch.Tensor = some) -> None:
+            positions, normals = imager.maps(some, box)
+            torch.autograd.grad(positions.sum() + normals.sum(), some)
+            torch.cuda.synchronize()
+
+        times = interleaved({"maps": maps, "both": both}, rounds=rounds)
+        found[f"frames_per_second_{batch}"] = batch / times.s("maps")
+        found[f"frames_per_second_with_gradient_{batch}"] = batch / times.s("both")
+    return found
 
 
 def _backend() -> str:
