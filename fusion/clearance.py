@@ -8,6 +8,7 @@ import torch
 
 from fusion.sdf import Obstacle
 from fusion.topology import Topology
+from render.mesh import safe_normalize
 
 # Share of a lifted vertex's way that its neighbours go along, so that a single lifted vertex makes no spike.
 _FOLLOW = 0.5
@@ -18,7 +19,9 @@ _REACH = 0.02
 # Edges of deep vertices are pulled to at most so many times their rest length, in so many sweeps a round.
 _STRETCH, _SWEEPS = 1.5, 10
 # Escape: directions tried at every distance, the first distance in metres, the next one's ratio to it, the last one.
-_DIRECTIONS, _NEAREST, _RATIO, _UTMOST = 96, 1e-3, 1.2, 4.0
+_DIRECTIONS, _NEAREST, _RATIO, _UTMOST = 64, 1e-3, 1.25, 4.0
+# Between two walls: metres that may be missing, and the longest way along their middle in multiples of that.
+_SQUEEZED, _LONGEST_WAY = 0.005, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,7 @@ class Clearance:
         escaped: (T, N) bool, vertices that no round got out and a search in all directions did.
         remaining: (T, N) bool, vertices still nearer than the clearance: pinned, or shut in on all sides.
         deepest_m: (T,) metres, the smallest signed distance at the end.
+        distance: (T, N) metres, signed distances at the end.
     """
 
     vertices: torch.Tensor
@@ -40,6 +44,7 @@ class Clearance:
     escaped: torch.Tensor
     remaining: torch.Tensor
     deepest_m: torch.Tensor
+    distance: torch.Tensor
 
 
 def clear_body(
@@ -67,7 +72,8 @@ def lift_clear(
 ) -> Clearance:
     """Lift vertices that are nearer to the body than `clearance_m`, or inside it.
 
-    Each round lifts along the distance's gradient. Neighbours that have clearance themselves follow half of the way,
+    Each round lifts along the distance's gradient, or where that differs from the round before (the fold between arm
+    and trunk), along the middle of both. Neighbours that have clearance themselves follow half of the way,
     on average over their neighbours; in the last two rounds nothing follows, so that it cannot push anything back
     in. Vertices deeper than a reach, 2 cm at first and twice as much with every round, wait: the cloth around them,
     once it is out, pulls them along by their edges, so that they come out on its side. What is still inside after
@@ -104,9 +110,8 @@ def lift_clear(
         escaped = _escape(known, (known.distance < clearance_m) & loose, clearance_m)
     remaining = known.distance < clearance_m
     deepest = known.distance.min(-1).values if vertices.shape[1] else known.distance.new_zeros(len(vertices))
-    return Clearance(
-        known.vertices, number, known.asked / max(remaining.numel(), 1), escaped, remaining, deepest
-    )
+    asked = known.asked / max(remaining.numel(), 1)
+    return Clearance(known.vertices, number, asked, escaped, remaining, deepest, known.distance)
 
 
 class _Known:
@@ -116,6 +121,8 @@ class _Known:
         self.sdf, self.vertices = sdf, vertices
         found = sdf.query(vertices)
         self.distance, self.direction = found.distance.to(vertices), found.direction.to(vertices)
+        #: (T, N, 3) along which the last round lifted each vertex; 0 where it did not.
+        self.lifted_along = torch.zeros_like(vertices)
         self.asked = self.distance.numel()
 
     def move(self, vertices: torch.Tensor) -> None:
@@ -147,7 +154,12 @@ def _round(
     """(T, N, 3) the vertices after one round of lifting."""
     low = missing > 0
     deep = low & (known.distance < -reach)
-    lift = torch.where(low & ~deep, missing + _MORE, 0.0)[..., None] * known.direction
+    lifted = (low & ~deep)[..., None]
+    squeezed = (missing < _SQUEEZED)[..., None]
+    way = safe_normalize(known.direction + torch.where(squeezed, known.lifted_along, 0.0))
+    slope = (way * known.direction).sum(-1, keepdim=True).clamp(min=1 / _LONGEST_WAY)
+    lift = torch.where(lifted, (missing + _MORE)[..., None] * way / slope, 0.0)
+    known.lifted_along = torch.where(lifted, known.direction, 0.0)
     if follow:
         degree = topology.adjacency(lift.new_ones(topology.n_vertices, 1)).clamp(min=1)
         along = _FOLLOW * topology.adjacency(lift) / degree

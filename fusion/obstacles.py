@@ -25,9 +25,9 @@ class OuterSurface:
     """Signed distance to the outer side of an open surface: a garment worn beneath another one.
 
     An open surface has no inside. A point counts as below it if it lies behind the closest point's normal, no
-    deeper than `under_band_m`: far below, it is on the other side of the body or under another part of the
-    garment. A point whose closest point is on the surface's rim is not covered, and free. So is every point
-    farther out than `band_m`. Points that are free have the distance `band_m` and no direction.
+    deeper than `under_band_m`. Loose cloth hangs 5 cm off the body, so the default is more; much deeper, a point is
+    on the body's other side. A point whose closest point is on the surface's rim is not covered, and free. So is
+    every point farther out than `band_m`. Points that are free have the distance `band_m` and no direction.
 
     Keeps a garment out of another one, not out of itself: folds of one garment that cross each other are
     outside what the fusion solves.
@@ -52,7 +52,7 @@ class OuterSurface:
         device: str | torch.device = "cpu",
         offset_m: float = 0.0,
         band_m: float = 0.05,
-        under_band_m: float = 0.03,
+        under_band_m: float = 0.1,
     ) -> None:
         if not (offset_m >= 0 and band_m > 0 and under_band_m > 0):
             raise InputError(

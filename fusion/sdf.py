@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -91,6 +92,7 @@ class BodySdf:
         self._doubted: MovingMesh | None = None  # with winding numbers, made and moved only when asked for
         self._pose: torch.Tensor | None = None
         self._doubted_pose: torch.Tensor | None = None
+        self._doubted_lock = Lock()  # of several queries at once, the first one makes it
         self._band = _FARTHEST if band_m is None else float(band_m)
 
     @property
@@ -162,15 +164,16 @@ class BodySdf:
 
     def _with_winding(self) -> MovingMesh:
         """The same pose with what winding numbers need; moving that costs more than all else of an update."""
-        assert self._pose is not None
-        if self._doubted is None:
-            self._doubted = MovingMesh(
-                self._body.faces, self.n_vertices, device=self.device, name="body", winding=True
-            )
-        if self._doubted_pose is not self._pose:
-            self._doubted.update(self._pose)
-            self._doubted_pose = self._pose
-        return self._doubted
+        with self._doubted_lock:
+            if self._doubted is None:
+                self._doubted = MovingMesh(
+                    self._body.faces, self.n_vertices, device=self.device, name="body", winding=True
+                )
+            if self._doubted_pose is not self._pose:
+                assert self._pose is not None
+                self._doubted.update(self._pose)
+                self._doubted_pose = self._pose
+            return self._doubted
 
 
 def is_closed(faces: np.ndarray) -> bool:

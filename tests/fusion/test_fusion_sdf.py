@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ import torch
 import trimesh
 
 from fusion import BodySdf
+from fusion.sdf import is_closed
+from imgtransfer.bodies.anny import load_body
+from imgtransfer.motions.library import make_motion
 from render import InputError
 
 SIGNS = ("checked", "winding", "normal")
@@ -24,6 +28,38 @@ def sdf_of(mesh: trimesh.Trimesh, sign: str = "checked") -> BodySdf:
     sdf = BodySdf(mesh.faces, len(mesh.vertices), sign=sign)
     sdf.update(mesh.vertices)
     return sdf
+
+
+def brute_winding_numbers(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """(P, 3), (G, 3, 3) -> (P,) float64: the solid angles of all faces, added up."""
+    found = []
+    for chunk in np.array_split(points.astype(np.float64), max(1, len(points) // 50)):
+        a, b, c = (triangles[None, :, corner] - chunk[:, None] for corner in range(3))
+        la, lb, lc = (np.linalg.norm(side, axis=-1) for side in (a, b, c))
+        volume = (a * np.cross(b, c)).sum(-1)
+        rest = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
+        found.append(np.arctan2(volume, rest).sum(-1) / (2 * np.pi))
+    return np.concatenate(found)
+
+
+def near_surface(triangles: np.ndarray, count: int, spread: float) -> np.ndarray:
+    """(count, 3) float32 points scattered about a mesh, half of them inside."""
+    random = np.random.default_rng(0)
+    chosen = triangles[random.integers(len(triangles), size=count)]
+    normals = np.cross(chosen[:, 1] - chosen[:, 0], chosen[:, 2] - chosen[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    on = (chosen * random.dirichlet(np.ones(3), count)[..., None]).sum(1)
+    return (on + normals * random.normal(0, spread, (count, 1))).astype(np.float32)
+
+
+def coil() -> trimesh.Trimesh:
+    """A closed sausage whose end runs through its beginning: one mesh that overlaps itself, as a body does."""
+    x, y, z = trimesh.creation.icosphere(subdivisions=4).vertices.T
+    turn, reach = 1.5 * np.pi * y, 0.3 + 0.08 * x
+    mesh = trimesh.creation.icosphere(subdivisions=4)
+    mesh.vertices = np.stack([reach * np.cos(turn), 0.08 * z + 0.002 * turn, reach * np.sin(turn)], axis=1)
+    mesh.invert()
+    return mesh
 
 
 def box_distance(points: np.ndarray, half: np.ndarray) -> np.ndarray:
@@ -90,14 +126,99 @@ def test_a_body_per_frame_equals_single_bodies_and_follows_updates():
             torch.testing.assert_close(found[row], single.distance(points[frame]), rtol=0, atol=1e-6)
 
 
-def test_winding_number_sees_the_inside_of_overlapping_limbs():
-    """A thin rod sunk into a sphere, as an arm pressed into the torso: the closest surface is the rod, which
+@pytest.mark.parametrize("sign", ["checked", "winding"])
+def test_a_point_between_overlapping_limbs_is_inside(sign):
+    """A thin rod sunk into a sphere, as an arm pressed into the trunk: the closest surface is the rod, which
     faces the point, yet the point is inside the body."""
     rod = trimesh.creation.cylinder(radius=0.05, height=0.6, sections=32)
     body = trimesh.util.concatenate([sphere(), rod])
     point = torch.tensor([[0.07, 0.01, 0.02]])
     assert sdf_of(body, "normal").distance(point).item() > 0
-    assert sdf_of(body, "winding").distance(point).item() < 0
+    assert sdf_of(body, sign).distance(point).item() < 0
+
+
+def test_where_limbs_overlap_the_way_leads_out_of_the_whole():
+    rod = trimesh.creation.cylinder(radius=0.05, height=0.6, sections=32)
+    body = trimesh.util.concatenate([sphere(), rod])
+    points = torch.tensor([[0.07, 0.01, 0.02], [0.3, 0.0, 0.0], [0.02, 0.0, 0.1], [0.0, 0.01, 0.32]])
+    found = sdf_of(body).query(points)
+    depth = 0.5 - points.norm(dim=-1)
+    assert (-found.distance >= depth - 6e-4).all()  # no way is shorter than the shortest
+    assert (-found.distance <= 1.05 * depth).all()
+    assert (found.direction * points / points.norm(dim=-1, keepdim=True)).sum(-1).min() > 0.9
+    out = points + (1e-3 - found.distance)[:, None] * found.direction
+    torch.testing.assert_close(found.closest.norm(dim=-1), torch.full((4,), 0.5), atol=1e-3, rtol=0)
+    assert (sdf_of(body).distance(out) > 0).all()
+
+
+@pytest.mark.parametrize(("kind", "frame"), [("squat", 29), ("run", 74), ("punch", 44), ("random", 60)])
+def test_signs_on_the_posed_body_are_those_of_a_brute_force_winding_number(kind, frame):
+    body, motion = load_body(), make_motion(kind, seed=1)
+    bones = body.bone_poses(motion.poses, motion.trans, leg_length=motion.leg_length)
+    pose = body.vertices(body.transforms(bones))[frame]
+    triangles = pose[body.faces].astype(np.float64)
+    points = near_surface(triangles, 800, spread=0.02)
+    inside = brute_winding_numbers(points, triangles) > 0.5
+    for sign, wrong in (("checked", 0), ("winding", 0)):
+        sdf = BodySdf(body.faces, len(pose), sign=sign)
+        sdf.update(pose)
+        assert ((sdf.query(torch.from_numpy(points)).distance < 0).numpy() != inside).sum() == wrong
+
+
+def test_signs_on_a_mesh_that_runs_through_itself():
+    mesh = coil()
+    points = near_surface(mesh.triangles, 1500, spread=0.04)
+    number = brute_winding_numbers(points, mesh.triangles)
+    assert (number > 1.5).sum() > 20
+    found = {
+        sign: (sdf_of(mesh, sign).query(torch.from_numpy(points)).distance < 0).numpy() for sign in SIGNS
+    }
+    assert (found["normal"] != (number > 0.5)).sum() > 10
+    assert (found["checked"] != (number > 0.5)).sum() == 0
+    assert (found["winding"] != (number > 0.5)).sum() == 0
+
+
+def test_signs_at_a_spike_sharper_than_a_right_angle():
+    """Either face of a sharp edge may be the closest, and one of them tells the wrong side."""
+    spike = trimesh.Trimesh([[0, 0, 0], [0.02, 0, 0], [0, 0.02, 0], [0.005, 0.005, 0.3]], process=False)
+    spike.faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+    points = np.random.default_rng(0).uniform([-0.02, -0.02, -0.1], [0.03, 0.03, 0.4], (3000, 3))
+    inside = brute_winding_numbers(points.astype(np.float32), spike.triangles) > 0.5
+    assert inside.sum() > 20
+    found = sdf_of(spike).query(torch.from_numpy(points))
+    assert ((found.distance < 0).numpy() != inside).sum() == 0
+    away = (torch.from_numpy(points).float() - found.closest) * torch.where(found.distance < 0, -1, 1)[
+        :, None
+    ]
+    assert ((away * found.direction).sum(-1) >= -1e-6).all()
+
+
+def test_beyond_the_band_the_distance_is_the_band_without_a_direction():
+    points = torch.randn(500, 3, generator=torch.Generator().manual_seed(0)) * 0.6
+    exact = sdf_of(sphere()).query(points)
+    banded = BodySdf(sphere().faces, len(sphere().vertices), band_m=0.1)
+    banded.update(sphere().vertices)
+    found = banded.query(points.requires_grad_())
+    near = exact.distance < 0.1
+    assert 50 < near.sum() < 450
+    assert (exact.distance < -0.1).sum() > 20  # deep inside nothing is cut off
+    for name in ("distance", "direction", "closest"):
+        torch.testing.assert_close(getattr(found, name)[near], getattr(exact, name)[near])
+    assert (found.distance[~near] == 0.1).all()
+    assert (found.direction[~near] == 0).all()
+    assert torch.equal(found.closest[~near], points.detach()[~near])
+    banded.distance(points).sum().backward()
+    assert torch.equal(points.grad, found.direction)
+
+
+def test_refitting_to_a_very_different_pose_answers_as_a_fresh_search_structure():
+    mesh = sphere()
+    far = mesh.vertices[:, [2, 0, 1]] * [1.5, 0.3, 1.0]
+    points = torch.randn(300, 3, generator=torch.Generator().manual_seed(0)) * 0.5
+    moved, fresh = sdf_of(mesh), BodySdf(mesh.faces, len(mesh.vertices))
+    moved.update(far)
+    fresh.update(far)
+    torch.testing.assert_close(moved.query(points).distance, fresh.query(points).distance)
 
 
 def test_winding_number_survives_a_hole():
@@ -107,6 +228,83 @@ def test_winding_number_survives_a_hole():
     sdf.update(mesh.vertices)
     points = torch.tensor([[0.0, 0.3, 0.0], [0.0, 0.7, 0.0], [0.45, 0.0, 0.0], [0.55, 0.0, 0.0]])
     assert (sdf.distance(points) < 0).tolist() == [True, False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("closed", "faces"), [(True, [0, 1, 2, 3]), (False, [0, 1, 2]), (False, [0, 1, 2, 3, 3])]
+)
+def test_a_closed_mesh_passes_every_edge_both_ways(closed, faces):
+    tetrahedron = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]])
+    assert is_closed(tetrahedron[faces]) is closed
+    assert is_closed(np.concatenate([tetrahedron, tetrahedron + 4])) is True
+    assert is_closed(np.concatenate([tetrahedron[:3], tetrahedron[3:, ::-1]])) is False
+
+
+def test_a_mesh_with_holes_or_turned_faces_gets_the_winding_number():
+    mesh = sphere()
+    turned = mesh.faces.copy()
+    turned[::50] = turned[::50, ::-1]
+    points = torch.randn(500, 3, generator=torch.Generator().manual_seed(0)) * 0.5
+    clear = (points.norm(dim=-1) - 0.5).abs() > 0.05  # close to a turned face the number is anything
+    for faces in (turned, mesh.faces[100:]):
+        sdf = BodySdf(faces, len(mesh.vertices))
+        assert sdf.sign == "winding"
+        sdf.update(mesh.vertices)
+        assert torch.equal((sdf.distance(points) < 0)[clear], (points.norm(dim=-1) < 0.5)[clear])
+    assert BodySdf(mesh.faces, len(mesh.vertices)).sign == "checked"
+
+
+def test_a_body_inside_out_is_refused():
+    mesh = sphere()
+    sdf = BodySdf(mesh.faces[:, ::-1], len(mesh.vertices))
+    with pytest.raises(InputError, match="clockwise seen from outside; reverse"):
+        sdf.update(mesh.vertices)
+
+
+def test_vertices_in_no_face_do_no_harm():
+    mesh = sphere()
+    points = torch.randn(100, 3, generator=torch.Generator().manual_seed(0))
+    loose = BodySdf(mesh.faces, len(mesh.vertices) + 2)
+    loose.update(np.vstack([mesh.vertices, [[0.1, 0.1, 0.1], [9.0, 9.0, 9.0]]]))
+    torch.testing.assert_close(loose.distance(points), sdf_of(mesh).distance(points))
+
+
+def test_a_thousand_updates_leave_no_memory_behind():
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.5)
+    sdf = BodySdf(mesh.faces, len(mesh.vertices))
+    poses = np.stack([mesh.vertices] * 3).astype(np.float32)
+
+    def updates(count: int) -> None:
+        for number in range(count):
+            frames = 1 + 2 * (number % 2)  # two search structures are thrown away every other time
+            sdf.update(poses[:frames])
+            sdf.query(torch.zeros(frames, 4, 3))
+
+    updates(100)
+    before = resident_bytes()
+    updates(1000)
+    assert resident_bytes() - before < 20e6  # leaking them would take 500 MB
+
+
+def resident_bytes() -> int:
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096
+
+
+def test_queries_may_run_in_many_threads():
+    rod = trimesh.creation.cylinder(radius=0.05, height=0.6, sections=32)
+    body = trimesh.util.concatenate([sphere(), rod])
+    points = torch.randn(16, 300, 3, generator=torch.Generator().manual_seed(0)) * 0.4
+    shared = sdf_of(body)
+
+    def own(part: torch.Tensor) -> torch.Tensor:
+        return sdf_of(body).query(part).distance
+
+    want = [sdf_of(body).query(part).distance for part in points]
+    with ThreadPoolExecutor(8) as pool:
+        for ask in (lambda part: shared.query(part).distance, own):
+            for found, wanted in zip(pool.map(ask, points), want, strict=True):
+                assert torch.equal(found, wanted)
 
 
 def test_leading_axes_and_no_points():
@@ -127,6 +325,8 @@ def test_wrong_input_is_named():
         sdf.update(np.full_like(mesh.vertices, np.nan))
     with pytest.raises(InputError, match="body_faces"):
         BodySdf(mesh.faces, 3)
+    with pytest.raises(InputError, match="band_m is 0"):
+        BodySdf(mesh.faces, len(mesh.vertices), band_m=0.0)
     sdf.update(np.stack([mesh.vertices] * 2))
     with pytest.raises(InputError, match="one frame a body"):
         sdf.query(torch.zeros(5, 3))
