@@ -41,7 +41,7 @@ from scripts.bench import cloth
 from scripts.bench.measuring import Results, command, interleaved
 
 SOLVERS = ("local_global", "adam")
-GARMENTS = {"tshirt": (cloth.TSHIRT, 4450), "dress": (cloth.DRESS, 12150)}
+GARMENTS = {"tshirt": (cloth.TSHIRT, 4400), "dress": (cloth.DRESS, 12100)}
 SIZE, BLUR = 256, 4.0  # pixels; standard deviation of the blur and of the normals' noise
 NORMAL_DEGREES = 3.0
 COUNTS, ADAM_MOST = (1000, 3000, 10000, 30000, 100000), 30000
