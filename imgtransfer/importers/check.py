@@ -108,15 +108,15 @@ def _axes(body: Mesh, given: Axes) -> list[Finding]:
 
 def _place(garment: Mesh, body: Mesh) -> list[Finding]:
     """Whether the garment is on the body, outside of it, and not inside out."""
+    if _volume(body) < 0:
+        text = f"{body.source}: the body's triangles are seen from inside (or its axes are left-handed)"
+        return [Finding("inside_out", f"{text}; export it with outward faces and right-handed axes", True)]
     sdf = BodySdf(body.faces, len(body.vertices))
     sdf.update(body.vertices)
     points = torch.from_numpy(garment.vertices)
     query = sdf.query(points)
     distance = query.distance.double().numpy()
     found = []
-    if _volume(body) < 0:
-        text = f"{body.source}: the body's triangles are seen from inside (or its axes are left-handed)"
-        return [Finding("inside_out", f"{text}; export it with outward faces and right-handed axes", True)]
     if distance.min() > 0.1 or np.median(distance) > 0.4:
         offset = (
             body.vertices.min(0) + body.vertices.max(0) - garment.vertices.min(0) - garment.vertices.max(0)
