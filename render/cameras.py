@@ -73,16 +73,30 @@ class Camera:
             + 0.5, y downwards) and the depth in metres along the viewing axis. Not cut at the image's border.
             x and y are NaN for points that are not in front of the camera (depth <= 0).
         """
-        points = np.asarray(points, np.float64)
-        clip = (points @ self.view[:3, :3].T + self.view[:3, 3]) @ self.projection[:, :3].T + self.projection[
-            :, 3
-        ]
+        return self.to_pixels(self.to_camera(points))
+
+    def to_camera(self, points: np.ndarray) -> np.ndarray:
+        """World points (..., 3) in camera coordinates, float64, metres."""
+        return _transform(self.view[:3], np.asarray(points, np.float64))
+
+    def to_pixels(self, seen: np.ndarray) -> np.ndarray:
+        """As `project`, for points (..., 3) float64 in camera coordinates."""
+        clip = _transform(self.projection, seen)
         depth = clip[..., 3]
         divisor = np.where(depth > 0, depth, np.nan)
         height, width = self.size
         x = (1 + clip[..., 0] / divisor) * (width / 2)
         y = (1 - clip[..., 1] / divisor) * (height / 2)  # the image's rows run down, OpenGL's y runs up
         return np.stack([x, y, depth], axis=-1)
+
+
+def _transform(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(K, 4) matrix times (..., 3) points with a 1 -> (..., K).
+
+    Term by term: matrix products round by where in an array a point stands, and then faces would not meet.
+    """
+    x, y, z = (points[..., axis, None] for axis in range(3))
+    return x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2] + matrix[:, 3]
 
 
 def check_size(size: Sequence[int]) -> tuple[int, int]:

@@ -53,7 +53,7 @@ MAX_LENGTH = 8192  # pixels a side: every renderer can; software renderers crash
 
 
 def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -> Raster:
-    """Rasterise a mesh; both sides of every face count.
+    """Rasterise a mesh; both sides of every face count, as far as they lie before the camera's near plane.
 
     Cameras that differ in their layer only share one drawing.
 
@@ -67,8 +67,8 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
             warning if it is the last.
 
     Raises:
-        InputError: no camera, cameras of different or impossible sizes, an unknown or unavailable backend, a mesh that
-            reaches through a camera's near plane, or that a camera of layer 0 does not see at all.
+        InputError: no camera, cameras of different or impossible sizes, an unknown or unavailable backend, or a mesh
+            that a camera of layer 0 does not see at all.
     """
     if not cameras or len({camera.size for camera in cameras}) != 1:
         raise InputError(
@@ -125,8 +125,7 @@ def surface_points(mesh: Mesh, camera: Camera, face_id: np.ndarray) -> tuple[np.
     # Ray through the pixel in camera coordinates, at depth 1: solve projection[:2, :3] · (x, y, -1) = device.
     slopes = np.linalg.solve(camera.projection[:2, :2], (device + camera.projection[:2, 2]).T).T
     ray = np.concatenate([slopes, -np.ones((len(slopes), 1))], axis=1)
-    seen = mesh.vertices @ camera.view[:3, :3].T + camera.view[:3, 3]
-    corners = seen[mesh.faces[face_id[rows, columns]]]  # (P, 3 corners, 3)
+    corners = camera.to_camera(mesh.vertices)[mesh.faces[face_id[rows, columns]]]  # (P, 3 corners, 3)
     # ray ∝ Σ weight · corner; by Cramer's rule each weight is a determinant with the ray in the corner's
     # place.
     following, last = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)

@@ -117,9 +117,8 @@ def _look_around(
 def _slopes(mesh: Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Metres of depth per pixel on each face (F,), 0 where edge-on, and the steepest at each vertex (N,)."""
     faces = screen_faces(mesh, camera)
-    nearest = camera.project(mesh.vertices)[:, 2][mesh.faces[faces.ids]].min(axis=1)
     of_face = np.zeros(len(mesh.faces))
-    of_face[faces.ids] = np.hypot(faces.plane[:, 1], faces.plane[:, 2]) * nearest**2  # dz = z² d(1/z)
+    of_face[faces.ids] = np.hypot(faces.plane[:, 1], faces.plane[:, 2]) * faces.nearest**2  # dz = z² d(1/z)
     of_vertex = np.zeros(len(mesh.vertices))
     np.maximum.at(of_vertex, mesh.faces.reshape(-1), np.repeat(of_face, 3))
     return of_face, of_vertex
