@@ -34,7 +34,6 @@ class Clearance:
         queried: points that the obstacle was asked about, in multiples of T N.
         escaped: (T, N) bool, vertices that no round got out and a search in all directions did.
         remaining: (T, N) bool, vertices still nearer than the clearance: pinned, or shut in on all sides.
-        deepest_m: (T,) metres, the smallest signed distance at the end.
         distance: (T, N) metres, signed distances at the end.
     """
 
@@ -43,7 +42,6 @@ class Clearance:
     queried: float
     escaped: torch.Tensor
     remaining: torch.Tensor
-    deepest_m: torch.Tensor
     distance: torch.Tensor
 
 
@@ -109,9 +107,8 @@ def lift_clear(
     if rounds:
         escaped = _escape(known, (known.distance < clearance_m) & loose, clearance_m)
     remaining = known.distance < clearance_m
-    deepest = known.distance.min(-1).values if vertices.shape[1] else known.distance.new_zeros(len(vertices))
     asked = known.asked / max(remaining.numel(), 1)
-    return Clearance(known.vertices, number, asked, escaped, remaining, deepest, known.distance)
+    return Clearance(known.vertices, number, asked, escaped, remaining, known.distance)
 
 
 class _Known:

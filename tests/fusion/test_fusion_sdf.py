@@ -283,7 +283,7 @@ def test_a_thousand_updates_leave_no_memory_behind():
     updates(100)
     before = resident_bytes()
     updates(1000)
-    assert resident_bytes() - before < 20e6  # leaking them would take 500 MB
+    assert resident_bytes() - before < 20e6  # leaking them would take 100 MB
 
 
 def resident_bytes() -> int:
