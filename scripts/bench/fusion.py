@@ -199,8 +199,8 @@ def losses(result: FusionResult, config: FusionConfig) -> dict[str, float]:
 
 
 def sdf_ms(made: Scene, rounds: int) -> float:
-    """Milliseconds to move the body and ask for the distance of one frame's vertices."""
-    sdf = BodySdf(made.body.faces, made.bodies.shape[1])
+    """Milliseconds to move the body and ask for the distance of one frame's vertices, as `fuse` asks."""
+    sdf = BodySdf(made.body.faces, made.bodies.shape[1], band_m=FusionConfig().sdf_band_m)
     points = torch.from_numpy(made.truth[-1:])
 
     def moved_and_asked() -> None:
