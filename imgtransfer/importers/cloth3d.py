@@ -7,7 +7,7 @@ github.com/hbertiche/DeePSD by the same author. A sample holds `info.mat` (`pose
 quads) and `<Garment>.pc16` (T frames relative to the root joint, 16-bit floats, so half a millimetre coarse a
 metre from the root). z up; the root joint lies at `trans`; all is turned by `zrot` about z at the end. The rest
 pose has the legs 0.15 radians apart. Rest shapes of the released files are turned by `zrot` already, as
-`rest.py` says; the reader here takes whichever of the two fits the body. 30 frames a second. The data set's own
+`rest.py` says; the reader here takes whichever of the two fits the motion. 30 frames a second. The data set's own
 split names samples; it is not known here.
 """
 
@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from scipy.io import loadmat
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
@@ -91,8 +90,9 @@ def _clip(path: Path, model_of: Any, options: Options) -> Clip:
     rest_pose = np.zeros((1, 72))
     rest_pose[0, 5], rest_pose[0, 8] = _LEGS_APART, -_LEGS_APART
     body_rest = model.posed(info.betas, rest_pose, np.zeros((1, 3)))[0]
+    seen = np.einsum("tba,tnb->tna", Rotation.from_rotvec(poses[:, :3]).as_matrix(), moved @ turn.T)
     clip = Clip(
-        template_vertices=_rest(template.vertices, info.zrot, root, body_rest).astype(np.float32),
+        template_vertices=(_rest(template.vertices, info.zrot, seen) + root).astype(np.float32),
         garment_faces=template.faces,
         garment_vertices=(moved @ turn.T + places[:, None]).astype(np.float32),
         body_rest=body_rest,
@@ -112,12 +112,16 @@ def _clip(path: Path, model_of: Any, options: Options) -> Clip:
     return clip
 
 
-def _rest(vertices: np.ndarray, zrot: float, root: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """The rest shape on the body in its rest pose: turned back by `zrot` or not, whichever lies nearer to the body."""
-    tree = cKDTree(body)
+def _rest(vertices: np.ndarray, zrot: float, in_root_frame: np.ndarray) -> np.ndarray:
+    """The rest shape (N, 3) seen from the root joint, y up: turned back by `zrot` or not.
+
+    Of the two the one is taken that lies nearer to where the same vertices are in motion, (T, N, 3) in the root
+    joint's frame.
+    """
     back = Rotation.from_rotvec([0, 0, -zrot]).as_matrix()
-    places = [vertices @ (_UP @ turn).T + root for turn in (back, np.eye(3))]
-    return min(places, key=lambda place: float(tree.query(place)[0].mean()))
+    places = [vertices @ (_UP @ turn).T for turn in (back, np.eye(3))]
+    middle = in_root_frame.mean(axis=0)
+    return min(places, key=lambda place: float(np.linalg.norm(place - middle, axis=-1).mean()))
 
 
 class _Info:
