@@ -43,7 +43,7 @@ def dilate(
         pixels: how far from the mask to grow; None: everywhere (with a guide: wherever it has values).
         erode: distrust this many pixels along the mask's outline too (blurred with the background) and, with
             a guide, along the lines where one surface of the template ends before another. Parts too thin to
-            keep a pixel within `erode` + 2 stay as they are.
+            keep a pixel within 2 · `erode` + 2 stay as they are.
         guide: (S, H, W, G) where each pixel's point lies on the template (`surface_guide`), NaN where there
             is none; such pixels stay as they are.
 
@@ -117,7 +117,7 @@ def _eroded(mask: np.ndarray, erode: int, jumps: np.ndarray | None) -> np.ndarra
     for view, covered in enumerate(mask):
         # The image's border is none of the mask's: what is cut there goes on outside.
         kept = cv2.erode(covered.astype(np.uint8), kernel, iterations=erode).astype(bool)
-        kept |= covered & (_distance(kept) > erode + 2)
+        kept |= covered & (_distance(kept) > 2 * erode + 2)
         if jumps is not None:
             kept &= cv2.dilate(jumps[view].astype(np.uint8), kernel, iterations=erode - 1) == 0
         left.append(kept)
