@@ -5,10 +5,13 @@ from __future__ import annotations
 import zipfile
 import zlib
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from render import exr
 from render.cameras import Camera
 from render.encoding import PositionBox
 from render.errors import InputError
@@ -16,7 +19,9 @@ from render.files import written_whole
 from render.imager import TemplateImager
 from render.mesh import Mesh
 
-FORMAT, FORMAT_VERSION = "imgtransfer-maps", 1
+FORMAT, FORMAT_VERSION = "imgtransfer-maps", 2
+READABLE_VERSIONS = ("1", "2")  # version 1 has no layers, depth or confidence
+_OPTIONAL = {"position", "normal", "layers", "confidence", "depth"}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,6 +39,11 @@ class MapFile:
         rotation: (T, 3, 3) float64 and translation: (T, 3) float64, metres: the canonical frame, x = R x' +
             t.
         fps: frames per second.
+        layers: (S,) int64, as in `Camera`; all 0 if None.
+        confidence: (T, S, H, W) float32, at least 0, weights of the pixels: 1 as usual, 0 to ignore one; None
+            if all count alike.
+        depth: (S, H, W) float32, metres along each camera's viewing axis to the template, background 0; None
+            if unknown. Nothing is computed from it.
 
     Raises:
         InputError: a shape that does not fit the others, or values that are not finite.
@@ -52,6 +62,9 @@ class MapFile:
     rotation: np.ndarray
     translation: np.ndarray
     fps: float
+    layers: np.ndarray | None = None
+    confidence: np.ndarray | None = None
+    depth: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         maps = self.position if self.position is not None else self.normal
@@ -60,6 +73,8 @@ class MapFile:
         frames, views = np.shape(maps)[0] if np.ndim(maps) else 0, len(self.views)
         size = np.shape(self.mask)[1:]
         vertices = np.shape(self.template_vertices)[:1]
+        if self.layers is None:
+            object.__setattr__(self, "layers", np.zeros(views, np.int64))
         expected: dict[str, tuple[tuple[int, ...], type]] = {
             "position": ((frames, views, *size, 3), np.float32),
             "normal": ((frames, views, *size, 3), np.float32),
@@ -71,6 +86,9 @@ class MapFile:
             "template_vertices": ((*vertices, 3), np.float64),
             "rotation": ((frames, 3, 3), np.float64),
             "translation": ((frames, 3), np.float64),
+            "layers": ((views,), np.int64),
+            "confidence": ((frames, views, *size), np.float32),
+            "depth": ((views, *size), np.float32),
         }
         if len(size) != 2 or frames == 0 or not self.fps > 0:
             raise InputError(
@@ -88,10 +106,13 @@ class MapFile:
                 object.__setattr__(self, name, array)
         if not np.allclose(self.rotation @ self.rotation.swapaxes(1, 2), np.eye(3), atol=1e-3):
             raise InputError("maps: rotation must hold rotation matrices, R Rᵀ = 1")
+        if self.confidence is not None and (self.confidence < 0).any():
+            raise InputError(f"maps: confidence counts from 0, found {self.confidence.min()}")
         object.__setattr__(self, "fps", float(self.fps))
         object.__setattr__(self, "views", tuple(str(view) for view in self.views))
         object.__setattr__(self, "template_faces", self.template.faces)  # checks them
         PositionBox(self.box_lo, self.box_hi)
+        _ = self.cameras  # checks them
 
     @classmethod
     def of(
@@ -104,6 +125,7 @@ class MapFile:
         rotation: np.ndarray,
         translation: np.ndarray,
         fps: float,
+        confidence: np.ndarray | None = None,
     ) -> MapFile:
         """Maps made with (or predicted for) an imager's template and cameras."""
         return cls(
@@ -120,6 +142,9 @@ class MapFile:
             rotation=rotation,
             translation=translation,
             fps=fps,
+            layers=np.array([camera.layer for camera in imager.cameras]),
+            confidence=confidence,
+            depth=imager.raster.depth,
         )
 
     @property
@@ -132,23 +157,37 @@ class MapFile:
         """The template mesh."""
         return Mesh(self.template_vertices, self.template_faces, source="maps: template")
 
-    @property
+    @cached_property
     def cameras(self) -> tuple[Camera, ...]:
         """The cameras: `TemplateImager.build(maps.template, cameras=maps.cameras)` makes the imager again."""
         height, width = self.mask.shape[1:]
-        matrices = zip(self.views, self.view_matrices, self.projection_matrices, strict=True)
-        return tuple(Camera(name, view, projection, (height, width)) for name, view, projection in matrices)
+        assert self.layers is not None  # zeros were put there
+        matrices = zip(self.views, self.view_matrices, self.projection_matrices, self.layers, strict=True)
+        return tuple(
+            Camera(name, view, projection, (height, width), layer=int(layer))
+            for name, view, projection, layer in matrices
+        )
 
 
 def save_maps(path: Path | str, maps: MapFile) -> None:
-    """Write maps as a compressed npz of plain arrays, named as the fields of `MapFile`; whole or not at all.
+    """Write maps; whole or not at all.
+
+    Args:
+        path: a name that ends in .npz: a compressed npz of plain arrays, named as the fields of `MapFile`; or a
+            name without an ending: a folder of OpenEXR files (see `render.exr`).
+        maps: what to write.
 
     Raises:
-        InputError: the path does not end in .npz.
+        InputError: the path ends otherwise, or is a folder that holds something else.
     """
     path = Path(path)
+    if path.suffix == "":
+        exr.save_folder(path, maps, file_format=FORMAT, version=FORMAT_VERSION)
+        return
     if path.suffix != ".npz":
-        raise InputError(f"{path}: map files end in .npz")
+        raise InputError(
+            f"{path}: map files end in .npz; a name without an ending makes a folder of EXR files"
+        )
     arrays = {field.name: getattr(maps, field.name) for field in fields(maps)}
     arrays = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
     with written_whole(path) as temporary:
@@ -156,31 +195,28 @@ def save_maps(path: Path | str, maps: MapFile) -> None:
 
 
 def load_maps(path: Path | str) -> MapFile:
-    """Read what `save_maps` wrote.
+    """Read what `save_maps` wrote, or another program as docs/maps.md says.
+
+    Args:
+        path: an npz, or a folder of EXR files.
 
     Raises:
         InputError: no such file, a damaged one, another format or version, an array missing or of a wrong
             shape.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: not a readable npz file ({error}); make it again") from error
+    arrays = exr.load_folder(path) if path.is_dir() else _load_npz(path)
     found = arrays.pop("format", "none"), arrays.pop("format_version", "none")
-    if str(found[0]) != FORMAT or str(found[1]) != str(FORMAT_VERSION):
+    if str(found[0]) != FORMAT or str(found[1]) not in READABLE_VERSIONS:
         raise InputError(
-            f"{path}: format '{FORMAT}' version {FORMAT_VERSION} expected, "
+            f"{path}: format '{FORMAT}' version {' or '.join(READABLE_VERSIONS)} expected, "
             f"found '{found[0]}' version {found[1]}"
         )
     names = {field.name for field in fields(MapFile)}
-    absent = names - {"position", "normal"} - set(arrays)
+    absent = names - _OPTIONAL - set(arrays)
     if absent:
         raise InputError(f"{path}: {', '.join(sorted(absent))} missing from the map file")
-    values: dict = {"position": None, "normal": None} | {name: arrays[name] for name in names & set(arrays)}
+    values: dict[str, Any] = dict.fromkeys(_OPTIONAL) | {name: arrays[name] for name in names & set(arrays)}
     if values["views"].ndim != 1 or values["fps"].size != 1 or values["fps"].dtype.kind not in "fiu":
         raise InputError(
             f"{path}: views must be names (S,) and fps one number; found {arrays['views'].shape} "
@@ -191,3 +227,13 @@ def load_maps(path: Path | str) -> MapFile:
         return MapFile(**values)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def _load_npz(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file")
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: not a readable npz file ({error}); make it again") from error

@@ -1,6 +1,7 @@
 import dataclasses
 
 import numpy as np
+import OpenEXR
 import pytest
 import torch
 from example_meshes import tube
@@ -10,7 +11,7 @@ from render import InputError, MapFile, PositionBox, TemplateImager, load_maps, 
 
 @pytest.fixture(scope="module")
 def maps():
-    imager = TemplateImager.build(tube(20, 12), size=(24, 32))
+    imager = TemplateImager.build(tube(20, 12), size=(24, 32), layers=2, backend="numpy")
     vertices = torch.tensor(imager.mesh.vertices, dtype=torch.float32).expand(2, -1, -1)
     box = PositionBox.around(imager.mesh.vertices)
     return MapFile.of(
@@ -20,23 +21,54 @@ def maps():
         box=box,
         rotation=np.stack([np.eye(3)] * 2),
         translation=np.array([[0.0, 1, 0], [0, 2, 0]]),
-        fps=30,
+        fps=29.97,
+        confidence=np.random.default_rng(0).random((2, *imager.mask.shape)),
     )
 
 
-def test_round_trip_is_exact(maps, tmp_path):
-    save_maps(tmp_path / "walk.npz", maps)
-    read = load_maps(tmp_path / "walk.npz")
+def assert_same(read, maps):
     for field in dataclasses.fields(MapFile):
-        np.testing.assert_array_equal(getattr(read, field.name), getattr(maps, field.name))
+        found, expected = getattr(read, field.name), getattr(maps, field.name)
+        np.testing.assert_array_equal(found, expected)
+        assert np.asarray(found).dtype == np.asarray(expected).dtype, field.name
+
+
+@pytest.mark.parametrize("name", ["walk.npz", "walk"], ids=["npz", "exr"])
+def test_round_trip_is_exact(maps, tmp_path, name):
+    save_maps(tmp_path / name, maps)
+    read = load_maps(tmp_path / name)
+    assert_same(read, maps)
     assert read.position.dtype == np.float32
-    assert [path.name for path in tmp_path.iterdir()] == ["walk.npz"]
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("name", ["walk.npz", "walk"], ids=["npz", "exr"])
+def test_what_is_optional_may_be_missing(maps, tmp_path, name):
+    bare = dataclasses.replace(maps, position=None, confidence=None, depth=None, layers=None)
+    assert bare.layers.tolist() == [0, 0, 0, 0]
+    save_maps(tmp_path / name, bare)
+    assert_same(load_maps(tmp_path / name), bare)
+
+
+def test_files_of_version_1_are_read(maps, tmp_path):
+    path = tmp_path / "old.npz"
+    save_maps(path, maps)
+    arrays = {
+        key: value for key, value in np.load(path).items() if key not in ("layers", "confidence", "depth")
+    }
+    np.savez(path, **(arrays | {"format_version": 1}))
+    read = load_maps(path)
+    assert read.confidence is None
+    assert read.layers.tolist() == [0, 0, 0, 0]
+    np.testing.assert_array_equal(read.position, maps.position)
 
 
 def test_the_imager_can_be_made_again(maps, tmp_path):
     save_maps(tmp_path / "walk.npz", maps)
     read = load_maps(tmp_path / "walk.npz")
-    imager = TemplateImager.build(read.template, cameras=read.cameras)
+    imager = TemplateImager.build(read.template, cameras=read.cameras, backend="numpy")
+    assert [camera.layer for camera in imager.cameras] == [0, 1, 0, 1]
+    np.testing.assert_array_equal(read.depth, imager.raster.depth)
     np.testing.assert_array_equal(imager.mask.numpy(), read.mask)
     vertices = torch.tensor(read.template_vertices, dtype=torch.float32)
     np.testing.assert_allclose(imager.position_maps(vertices, read.box).numpy(), read.position[0], atol=1e-6)
@@ -54,8 +86,13 @@ def test_either_kind_of_map_may_be_missing(maps, tmp_path):
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("normal", np.zeros((2, 2, 24, 31, 3))),
-        ("position", np.full((2, 2, 24, 32, 3), np.nan)),
+        ("normal", np.zeros((2, 4, 24, 31, 3))),
+        ("position", np.full((2, 4, 24, 32, 3), np.nan)),
+        ("confidence", np.ones((2, 4, 24, 31))),
+        ("confidence", np.full((2, 4, 24, 32), -0.1)),
+        ("layers", np.zeros(3)),
+        ("layers", np.array([-1, 0, 0, 0])),
+        ("depth", np.zeros((2, 24, 32))),
         ("rotation", np.zeros((3, 3, 3))),
         ("mask", np.ones((1, 24, 32), bool)),
         ("template_faces", np.array([[0, 1, 9999]])),
@@ -104,8 +141,8 @@ def test_another_format_version_or_a_missing_array(maps, tmp_path):
     path = tmp_path / "maps.npz"
     save_maps(path, maps)
     arrays = dict(np.load(path))
-    np.savez(path, **(arrays | {"format_version": 2}))
-    with pytest.raises(InputError, match="version 1 expected, found 'imgtransfer-maps' version 2"):
+    np.savez(path, **(arrays | {"format_version": 3}))
+    with pytest.raises(InputError, match="version 1 or 2 expected, found 'imgtransfer-maps' version 3"):
         load_maps(path)
     np.savez(path, a=np.zeros(3))
     with pytest.raises(InputError, match="found 'none'"):
@@ -120,3 +157,67 @@ def test_other_suffixes_are_refused(maps, tmp_path):
     with pytest.raises(InputError, match=r"end in \.npz"):
         save_maps(tmp_path / "maps.zip", maps)
     assert list(tmp_path.iterdir()) == []
+
+
+# OpenEXR
+
+
+@pytest.fixture
+def folder(maps, tmp_path):
+    save_maps(tmp_path / "walk", maps)
+    return tmp_path / "walk"
+
+
+def test_a_folder_has_a_file_a_frame_and_image_with_named_channels(folder, maps):
+    assert sorted(path.name for path in folder.iterdir()) == [
+        *(f"{frame:05d}.{image}.exr" for frame in range(2) for image in range(4)),
+        "template.obj",
+    ]
+    with OpenEXR.File(str(folder / "00001.2.exr"), separate_channels=True) as file:
+        header, channels = dict(file.header()), file.channels()
+        kinds = [f"{kind}.{axis}" for kind in ("position", "normal") for axis in "XYZ"]
+        assert sorted(channels) == sorted([*kinds, "mask", "depth", "confidence"])
+        np.testing.assert_array_equal(channels["position.Y"].pixels, maps.position[1, 2, ..., 1])
+        assert channels["position.Y"].pixels.dtype == np.float32
+    assert (header["view"], header["layer"], header["frame"], header["image"]) == ("back", 0, 1, 2)
+    np.testing.assert_array_equal(header["viewMatrix"], maps.view_matrices[2])
+    np.testing.assert_array_equal(header["boxHi"], maps.box_hi)
+
+
+def test_a_folder_of_maps_is_replaced_and_one_of_anything_else_is_not(folder, maps, tmp_path):
+    save_maps(folder, dataclasses.replace(maps, fps=60))
+    assert load_maps(folder).fps == 60
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="exists already"):
+        save_maps(folder, maps)
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
+def drop_channel(path, name):
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = {key: channel.pixels.copy() for key, channel in file.channels().items() if key != name}
+        header = {key: value for key, value in file.header().items() if key not in ("channels", name)}
+    OpenEXR.File(header, channels).write(str(path))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda f: (f / "00001.3.exr").unlink(), "frame 1, image 3 is missing"),
+        (lambda f: (f / "00000.0.exr").write_bytes(b"no image"), "not a readable OpenEXR file"),
+        (
+            lambda f: (f / "again.exr").write_bytes((f / "00000.0.exr").read_bytes()),
+            "two files are of one image",
+        ),
+        (lambda f: (f / "template.obj").unlink(), "no such file"),
+        (lambda f: drop_channel(f / "00000.1.exr", "mask"), "no channel 'mask'"),
+        (lambda f: drop_channel(f / "00001.1.exr", "normal.X"), "its size or channels are not those of"),
+        (lambda f: drop_channel(f / "00000.0.exr", "boxLo"), "its header lacks 'boxLo'"),
+        (lambda f: drop_channel(f / "00000.0.exr", "frame"), "its header lacks 'frame'"),
+        (lambda f: [path.unlink() for path in f.glob("*.exr")], "no .exr files in it"),
+    ],
+)
+def test_folders_that_cannot_be_used(folder, spoil, message):
+    spoil(folder)
+    with pytest.raises(InputError, match=message):
+        load_maps(folder)
