@@ -170,7 +170,7 @@ def _pulled(vertices: torch.Tensor, deep: torch.Tensor, topology: Topology) -> t
     edges = torch.from_numpy(topology.edges).to(vertices.device)
     touched = (deep[:, edges[:, 0]] | deep[:, edges[:, 1]]).any(0)
     first, second = edges[touched].T
-    longest = _STRETCH * topology.rest_lengths.to(vertices)[touched.to(topology.rest_lengths.device)]
+    longest = _STRETCH * topology.rest_lengths.to(vertices)[touched]
     for _ in range(_SWEEPS):
         span = vertices[:, second] - vertices[:, first]
         length = torch.linalg.vector_norm(span, dim=-1)
