@@ -59,7 +59,8 @@ def jobs(paths: list[Path], options: Options) -> list[Job]:
     """
     folders = []
     for path in paths:
-        inner = [entry for entry in natural_sort(path.iterdir()) if entry.is_dir()] if path.is_dir() else []
+        entries = natural_sort(path.iterdir()) if path.is_dir() else []
+        inner = [entry for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
         several = _moving(path, "body") is None and any(_moving(entry, "body") for entry in inner)
         folders += inner if several else [path]
     return [job_of(folder.resolve().name, find_source(folder, options), options) for folder in folders]
