@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
+from fusion.escape import Known, escape
 from fusion.sdf import Obstacle
 from fusion.topology import Topology
 from render.mesh import safe_normalize
@@ -18,8 +19,6 @@ _MORE = 2e-6
 _REACH = 0.02
 # Edges of deep vertices are pulled to at most so many times their rest length, in so many sweeps a round.
 _STRETCH, _SWEEPS = 1.5, 10
-# Escape: directions tried at every distance, the first distance in metres, the next one's ratio to it, the last one.
-_DIRECTIONS, _NEAREST, _RATIO, _UTMOST = 64, 1e-3, 1.25, 4.0
 # Between two walls: metres that may be missing, and the longest way along their middle in multiples of that.
 _SQUEEZED, _LONGEST_WAY = 0.005, 10.0
 
@@ -94,7 +93,7 @@ def lift_clear(
     loose = torch.ones(vertices.shape[1], dtype=torch.bool, device=vertices.device)
     if fixed is not None:
         loose = ~fixed.to(vertices.device)
-    known = _Known(vertices, sdf)
+    known = Known(vertices, sdf)
     number = 0
     for number in range(rounds + 1):
         missing = (clearance_m - known.distance) * loose
@@ -105,42 +104,14 @@ def lift_clear(
         known.move(_round(known, topology, missing, reach=reach, follow=not last, loose=loose))
     escaped = torch.zeros_like(known.distance, dtype=torch.bool)
     if rounds:
-        escaped = _escape(known, (known.distance < clearance_m) & loose, clearance_m)
+        escaped = escape(known, (known.distance < clearance_m) & loose, clearance_m)
     remaining = known.distance < clearance_m
     asked = known.asked / max(remaining.numel(), 1)
     return Clearance(known.vertices, number, asked, escaped, remaining, known.distance)
 
 
-class _Known:
-    """Vertices with their distance and direction; only those that moved are asked about again."""
-
-    def __init__(self, vertices: torch.Tensor, sdf: Obstacle) -> None:
-        self.sdf, self.vertices = sdf, vertices
-        found = sdf.query(vertices)
-        self.distance, self.direction = found.distance.to(vertices), found.direction.to(vertices)
-        #: (T, N, 3) along which the last round lifted each vertex; 0 where it did not.
-        self.lifted_along = torch.zeros_like(vertices)
-        self.asked = self.distance.numel()
-
-    def move(self, vertices: torch.Tensor) -> None:
-        moved = (vertices != self.vertices).any(-1)
-        places = padded_places(moved)
-        spots = places[..., None].expand(-1, -1, 3)
-        found = self.sdf.query(vertices.gather(1, spots))
-        self.vertices = vertices
-        self.distance = self.distance.scatter(1, places, found.distance.to(vertices))
-        self.direction = self.direction.scatter(1, spots, found.direction.to(vertices))
-        self.asked += places.numel()
-
-
-def padded_places(chosen: torch.Tensor) -> torch.Tensor:
-    """(T, N) bool -> (T, K) int64: where each row is true, K the most in a row; shorter rows end with any others."""
-    most = int(chosen.sum(-1).max()) if chosen.numel() else 0
-    return torch.argsort(chosen, dim=1, descending=True, stable=True)[:, :most]
-
-
 def _round(
-    known: _Known,
+    known: Known,
     topology: Topology,
     missing: torch.Tensor,
     *,
@@ -182,36 +153,3 @@ def _pulled(vertices: torch.Tensor, deep: torch.Tensor, topology: Topology) -> t
         step = total[..., :3] / total[..., 3:].clamp(min=1)
         vertices = torch.where(deep[..., None], vertices + step, vertices)
     return vertices
-
-
-def _escape(known: _Known, inside: torch.Tensor, clearance_m: float) -> torch.Tensor:
-    """Move the vertices `inside` (T, N) to the nearest clear place among a set of directions and distances.
-
-    Returns:
-        (T, N) bool, those that found one.
-    """
-    escaped = torch.zeros_like(inside)
-    way = _sphere(_DIRECTIONS).to(known.vertices)
-    distance = _NEAREST
-    while bool(inside.any()) and distance < _UTMOST:
-        places = padded_places(inside)
-        spots = places[..., None].expand(-1, -1, 3)
-        tried = known.vertices.gather(1, spots)[:, :, None] + distance * way
-        clear = known.sdf.query(tried.flatten(1, 2)).distance.reshape(tried.shape[:-1]) >= clearance_m
-        known.asked += clear.numel()
-        out = clear.any(-1) & inside.gather(1, places)
-        best = clear.to(torch.uint8).argmax(-1)[..., None, None].expand(-1, -1, 1, 3)
-        target = torch.where(out[..., None], tried.gather(2, best)[:, :, 0], known.vertices.gather(1, spots))
-        escaped = escaped.scatter(1, places, out | escaped.gather(1, places))
-        known.move(known.vertices.scatter(1, spots, target))
-        inside = inside & ~escaped
-        distance *= _RATIO
-    return escaped
-
-
-def _sphere(count: int) -> torch.Tensor:
-    """(count, 3) unit vectors spread evenly."""
-    k = torch.arange(count, dtype=torch.float64)
-    up, angle = 1 - (2 * k + 1) / count, k * torch.pi * (3 - 5**0.5)
-    around = (1 - up.square()).sqrt()
-    return torch.stack([around * angle.cos(), up, around * angle.sin()], dim=1)

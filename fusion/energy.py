@@ -13,8 +13,8 @@ import numpy as np
 import torch
 
 from fusion.losses import second_difference
-from fusion.moving_mesh import warp_module
 from fusion.stencil import ShownFaces, Stencil
+from fusion.warp_start import warp_module
 
 TERMS = ("edge_length_m2", "displacement_m2", "normal_consistency", "normal_rendering", "temporal_m2")
 

@@ -64,8 +64,8 @@ class BodySdf:
         sign: how inside is told from outside. "checked" takes the angle-weighted pseudo-normal of the closest
             point, lets a ray see whether that point is on the outer surface, and asks for the winding number
             where it is not. "winding" takes the generalised winding number everywhere, about five times as slow.
-            A mesh with holes, or with some faces turned round, always gets the latter. "normal" takes the
-            pseudo-normal alone, which is wrong where parts overlap.
+            A mesh with holes, with seams whose vertices are not merged, or with some faces turned round, always
+            gets the latter. "normal" takes the pseudo-normal alone, which is wrong where parts overlap.
         band_m: metres; farther outside, points get this distance and no direction, which saves time. None:
             every distance is exact. Inside, it always is.
 
@@ -185,7 +185,8 @@ def is_closed(faces: np.ndarray) -> bool:
     halves = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
     keys = halves.min(1) * (int(faces.max()) + 1) + halves.max(1)
     _, edge = np.unique(keys, return_inverse=True)
-    balance = np.bincount(edge, np.where(halves[:, 0] < halves[:, 1], 1, -1))
+    # A face that uses a vertex twice has an edge from it to itself, which bounds nothing.
+    balance = np.bincount(edge, np.sign(halves[:, 1] - halves[:, 0]))
     return not balance.any()
 
 

@@ -1,89 +1,20 @@
 """Warp kernels of `fusion.sdf` and `fusion.obstacles`; apart from them, because defining them imports Warp."""
 
 # mypy: ignore-errors
-# ruff: noqa: UP018, RUF046, SIM102, PLR0917
-# Kernels are written in Warp's own language: its annotations are no Python types; int(0) makes a variable where 0 were
-# a constant; both sides of an `and` are computed; arguments go by position.
+# ruff: noqa: UP018, SIM102, PLR0917
+# Kernels are written in Warp's own language: its annotations are no Python types; bool(False) makes a variable where
+# False were a constant; both sides of an `and` are computed; arguments go by position.
 
 import warp as wp
 
+from fusion.ray_kernels import FARTHEST, crossings, nearest_way_out
+
 wp.set_module_options({"enable_backward": False})
 
-# Metres; beyond any scene.
-FARTHEST = wp.constant(1.0e6)
 # Metres; nearer than this the offset from the surface is rounding, and the face's normal gives the direction.
 TOUCHING = wp.constant(1.0e-6)
-# Metres by which a ray goes on behind a surface that it hit, a few roundings of a coordinate.
-STEP = wp.constant(1.0e-5)
 # Metres from the surface at which the ray of a point on it starts, clear of that surface itself.
 OUTSIDE = wp.constant(1.0e-4)
-# Surfaces that one ray may cross.
-CROSSINGS = wp.constant(64)
-# Directions in which a way out is looked for, and steps that turn the best one towards the surface's normal.
-WAYS = wp.constant(24)
-TURNS = wp.constant(3)
-GOLDEN_ANGLE = wp.constant(2.3999632)
-
-
-@wp.func
-def crossings(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3):
-    """Winding number of `start` in a closed mesh: surfaces left minus surfaces entered on the way to infinity."""
-    total = int(0)
-    passed = int(0)
-    at = start
-    going = bool(True)
-    while going:
-        hit = wp.mesh_query_ray(mesh, at, direction, FARTHEST)
-        going = hit.result and passed < CROSSINGS
-        if hit.result:
-            total += wp.where(hit.sign > 0.0, -1, 1)
-            at = at + direction * (hit.t + STEP)
-            passed += 1
-    return total
-
-
-@wp.func
-def way_out(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3, depth: int):
-    """Metres to where the winding number, `depth` at the start, gets 0 (FARTHEST: nowhere), with the normal there."""
-    left = depth
-    passed = int(0)
-    gone = float(0.0)
-    found = wp.vec4(0.0, 0.0, 0.0, FARTHEST)
-    going = bool(True)
-    while going:
-        hit = wp.mesh_query_ray(mesh, start + direction * gone, direction, FARTHEST)
-        going = hit.result and passed < CROSSINGS
-        if hit.result:
-            left += wp.where(hit.sign > 0.0, 1, -1)
-            if left == 0:
-                found = wp.vec4(hit.normal[0], hit.normal[1], hit.normal[2], gone + hit.t)
-                going = False
-            gone += hit.t + STEP
-            passed += 1
-    return found
-
-
-@wp.func
-def nearest_way_out(mesh: wp.uint64, start: wp.vec3, depth: int):
-    """Unit vector and metres to about the nearest point of the outer surface; FARTHEST metres: none found."""
-    best = wp.vec4(0.0, 0.0, 0.0, FARTHEST)
-    normal = wp.vec3(0.0, 0.0, 0.0)
-    for k in range(WAYS):  # spread evenly over the sphere
-        up = 1.0 - (2.0 * float(k) + 1.0) / float(WAYS)
-        around = wp.sqrt(1.0 - up * up)
-        angle = GOLDEN_ANGLE * float(k)
-        way = wp.vec3(around * wp.cos(angle), up, around * wp.sin(angle))
-        found = way_out(mesh, start, way, depth)
-        if found[3] < best[3]:
-            best = wp.vec4(way[0], way[1], way[2], found[3])
-            normal = wp.vec3(found[0], found[1], found[2])
-    for _turn in range(TURNS):
-        if wp.length(normal) > 0.5:
-            found = way_out(mesh, start, normal, depth)
-            if found[3] < best[3]:
-                best = wp.vec4(normal[0], normal[1], normal[2], found[3])
-                normal = wp.vec3(found[0], found[1], found[2])
-    return best
 
 
 @wp.func

@@ -269,6 +269,15 @@ def test_vertices_in_no_face_do_no_harm():
     torch.testing.assert_close(loose.distance(points), sdf_of(mesh).distance(points))
 
 
+def test_faces_without_area_do_no_harm():
+    mesh = sphere()
+    points = torch.randn(100, 3, generator=torch.Generator().manual_seed(0))
+    flat = BodySdf(np.vstack([mesh.faces, [[5, 5, 9], [7, 7, 7]]]), len(mesh.vertices))
+    assert flat.sign == "checked"
+    flat.update(mesh.vertices)
+    torch.testing.assert_close(flat.distance(points), sdf_of(mesh).distance(points))
+
+
 def test_a_thousand_updates_leave_no_memory_behind():
     mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.5)
     sdf = BodySdf(mesh.faces, len(mesh.vertices))
