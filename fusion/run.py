@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -74,21 +73,23 @@ def fuse_maps(
         raise InputError(
             "maps: initial vertices replace the position maps and there are no normals: nothing to fuse"
         )
-    given: dict[str, Any] = {
-        "positions": None if positions is None else maps.box.decode(grown(positions)),
-        "normals": None if normals is None else decode_normals(grown(normals)),
-        "initial": initial,
-        "confidence": getattr(maps, "confidence", None) if imaged else None,
-        "pinned": pinned,
-        "pinned_positions": pinned_positions,
-        "body_vertices": body_vertices,
-        "body_faces": body_faces,
-        "under_vertices": under_vertices,
-        "under_faces": under_faces,
-        "history": history or None,
-    }
-    given = {name: value for name, value in given.items() if value is not None}
-    return fuse(imager, **given, config=config, device=device, progress=progress)
+    return fuse(
+        imager,
+        positions=None if positions is None else maps.box.decode(grown(positions)),
+        normals=None if normals is None else decode_normals(grown(normals)),
+        initial=initial,
+        confidence=maps.confidence if imaged else None,
+        pinned=pinned,
+        pinned_positions=pinned_positions,
+        body_vertices=body_vertices,
+        body_faces=body_faces,
+        under_vertices=under_vertices,
+        under_faces=under_faces,
+        config=config,
+        device=device,
+        history=history,
+        progress=progress,
+    )
 
 
 class _Grown:

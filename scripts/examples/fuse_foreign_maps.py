@@ -33,13 +33,16 @@ BLUR_PIXELS = 1.5  # of maps of 256 x 256; the noise is as smooth
 POSITION_NOISE_M, NORMAL_NOISE = 0.004, 0.08
 LIMIT_MM, CELL = 20.0, 200  # of the picture: the brightest error colour; pixels
 
-# What is fused, by name: more and more of the options. Paths are in the folder of the example.
+# What is fused, by name: more and more of the options. Files are in the folder of the example.
+ERODED, BODY = ["--erode", "4"], ["--body", "body.npz"]
 RUNS = {
     "positions only": ["--positions-only"],
     "+ normals": [],
-    "+ --erode 4": ["--erode", "4"],
-    "+ --body": ["--erode", "4", "--body", "body.npz"],
+    "+ --erode": ERODED,
+    "+ --body": ERODED + BODY,
+    "+ --config": [*ERODED, *BODY, "--config", "trust.yaml"],
 }
+TRUST = "weight_displacement: 0.5   # 25 times the default: these positions are good\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +80,7 @@ def other_program(folder: Path, size: int, frames: slice) -> Truth:
     np.savez(folder / "body.npz", body_faces=clip.body_faces, body_vertices=clip.body_vertices)
     arrays: dict[str, Any] = {
         "format": "imgtransfer-maps",
-        "format_version": 1,
+        "format_version": 2,
         "position": positions,  # (frames, views, height, width, 3) in [0, 1], row 0 at the top
         "normal": normals,  # (n + 1) / 2
         "mask": mask,  # (views, height, width)
@@ -111,7 +114,7 @@ def fused(folder: Path, number: int, options: list[str]) -> np.ndarray:
     """Run the command; returns the garment (T, N, 3)."""
     out = folder / f"fused_{number}"
     words = ["fuse", "--template", folder / "template.obj", "--maps", folder / "maps.npz", "--out", out]
-    words += [folder / word if word.endswith(".npz") else word for word in options]
+    words += [folder / word if word.endswith((".npz", ".yaml")) else word for word in options]
     print("\nimgtransfer", *words)
     if main([str(word) for word in words]):
         raise SystemExit("that fusion failed; see the line above")
@@ -157,6 +160,7 @@ def picture(folder: Path, results: dict[str, np.ndarray], truth: Truth) -> np.nd
 def example(folder: Path, *, quick: bool) -> dict[str, list[float]]:
     """Everything; returns what was measured, by run."""
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / "trust.yaml").write_text(TRUST)
     truth = other_program(folder, 64 if quick else 256, slice(10, 11) if quick else FRAMES)
     results = {name: fused(folder, number, options) for number, (name, options) in enumerate(RUNS.items())}
     found = {name: measured(vertices, truth) for name, vertices in results.items()}
