@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from fusion_examples import AROUND, cylinder_body, tube
+from fusion_examples import AROUND, cylinder_body, imager_of, leaning, true_maps, tube, wrinkled
 
-from fusion import BodySdf, Topology, clear_body, lift_clear
+from fusion import BodySdf, FusionConfig, OuterSurface, Topology, clear_body, fuse, lift_clear
 from render import Mesh
 
 CLEARANCE = 1e-3
@@ -196,3 +196,33 @@ def test_no_frames_are_no_trouble():
     found = lift_clear(torch.zeros(0, 4, 3), sdf, TOPOLOGY, clearance_m=CLEARANCE, rounds=3)
     assert found.vertices.shape == (0, 4, 3)
     assert found.distance.shape == (0, 4)
+
+
+@pytest.mark.parametrize("solver", ["local_global", "adam"])
+@pytest.mark.parametrize("wrong", ["8 cm off", "all of it inside"])
+def test_after_fusing_a_prediction_deep_inside_nothing_is_in_the_body_or_the_garment_beneath(solver, wrong):
+    imager, body, under = imager_of(MESH), cylinder_body(), tube(radius=0.135, height=0.3)
+    positions, normals = true_maps(imager, wrinkled(MESH, 2))
+    mask = torch.from_numpy(imager.raster.mask)[None, ..., None]
+    positions = (
+        positions * 0.3 if wrong == "all of it inside" else positions + torch.tensor([0, 0, 0.08]) * mask
+    )
+    bodies, unders = leaning(body.vertices, 2), leaning(under.vertices, 2)
+    config = FusionConfig(solver=solver, under_margin_m=0.002, edge_steps=20, normal_steps=20)
+    found = fuse(
+        imager,
+        positions=positions,
+        normals=normals,
+        body_vertices=bodies,
+        body_faces=body.faces,
+        under_vertices=unders,
+        under_faces=under.faces,
+        config=config,
+    )
+    vertices = torch.from_numpy(found.vertices)
+    sdf = BodySdf(body.faces, len(body.vertices))
+    sdf.update(bodies)
+    surface = OuterSurface(under.faces, len(under.vertices), offset_m=config.under_margin_m)
+    surface.update(unders)
+    for obstacle in (sdf, surface):
+        assert obstacle.query(vertices).distance.min() >= config.clearance_m
