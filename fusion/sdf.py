@@ -54,8 +54,9 @@ class BodySdf:
     of some two dozen and hence up to a few per cent too long.
 
     Queries compute in float32, whatever the dtype of the points, and may run in several threads once there is a
-    pose; `update` must not run beside them. Vertices in no face do no harm. A garment's collisions with itself
-    are no part of this.
+    pose; `update` must not run beside them. The first query on a machine takes some seconds, in which Warp compiles
+    the kernels; it keeps them on disk. Vertices in no face and faces without area do no harm. A garment's collisions
+    with itself are no part of this.
 
     Args:
         faces: (G, 3) integers, counter-clockwise seen from outside.
