@@ -83,7 +83,7 @@ def _size(garment: Mesh, body: Mesh, given: Axes) -> list[Finding]:
         return [
             Finding(
                 "unit",
-                f"{body.source}: the body is {size:.3g} m large, a person is 0.4 to 2.8 m; {hint}",
+                f"{body.source}: the body would be {size:.3g} m large, a person is 0.4 to 2.8 m; {hint}",
                 True,
             )
         ]
@@ -92,7 +92,7 @@ def _size(garment: Mesh, body: Mesh, given: Axes) -> list[Finding]:
             metres = given.scale * times
             unit = next((name for name, value in UNITS.items() if np.isclose(value, metres)), None)
             hint = f": add --garment-unit={unit}" if unit else ""
-            text = f"{garment.source}: the garment is {cloth:.3g} m large on a body of {size:.3g} m; its file is in "
+            text = f"{garment.source}: the garment would be {cloth:.3g} m large on a body of {size:.3g} m; its file is in "
             return [Finding("unit", f"{text}other units than the body's{hint}", True)]
     return []
 

@@ -265,12 +265,12 @@ def test_other_units_name_the_flag(body: Mesh, shirt: Mesh, unit: str) -> None:
     (finding,) = check_template(moved(shirt, shirt.vertices * size), moved(body, body.vertices * size))
     assert finding.severe
     assert f"add --unit={unit}" in finding.text
-    assert "body.obj: the body is" in finding.text
+    assert "body.obj: the body would be" in finding.text
 
 
 def test_a_garment_in_other_units_than_the_body(body: Mesh, shirt: Mesh) -> None:
     (finding,) = check_template(moved(shirt, shirt.vertices * 100), body)
-    assert "vest.obj: the garment is" in finding.text
+    assert "vest.obj: the garment would be" in finding.text
     assert "add --garment-unit=cm" in finding.text
 
 
