@@ -32,6 +32,8 @@ _OF = {
     "facing": ("meshes",),
     "unit": ("meshes",),
     "scale": ("meshes",),
+    "garment_up": ("meshes",),
+    "garment_facing": ("meshes",),
     "garment_unit": ("meshes",),
     "weld": ("meshes",),
     "anyway": ("meshes",),
@@ -93,7 +95,10 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--unit", help="the files' unit: m, cm, mm, dm, in or ft; default m")
     group.add_argument("--scale", type=float, help="metres a unit of the files, in place of --unit")
-    group.add_argument("--garment-unit", help="the unit of the garment's files, where it is not the body's")
+    for what in ("up", "facing", "unit"):
+        group.add_argument(
+            f"--garment-{what}", help=f"--{what} of the garment's files, where it is not the body's"
+        )
     group.add_argument(
         "--weld", action="store_true", help="join split seams; outputs still have the files' vertices and UVs"
     )
@@ -146,6 +151,12 @@ def _options(args: argparse.Namespace, kind: str) -> Options:
         if path is not None and not path.exists():
             raise InputError(f"{path}: no such file; a mesh is wanted")
     scale = args.scale if args.scale is not None else _metres("--unit", args.unit) or 1.0
+    axes = Axes(args.up or "y", args.facing or _ahead(args.up or "y"), scale)
+    of_garment = None
+    if args.garment_up or args.garment_facing or args.garment_unit:
+        up = args.garment_up or axes.up
+        facing = args.garment_facing or (axes.facing if up == axes.up else _ahead(up))
+        of_garment = Axes(up, facing, _metres("--garment-unit", args.garment_unit) or scale)
     return Options(
         split=args.split,
         garment=args.garment,
@@ -155,11 +166,16 @@ def _options(args: argparse.Namespace, kind: str) -> Options:
         body_rest=args.body_rest,
         smpl=args.smpl,
         gender=args.gender,
-        axes=Axes(args.up or "y", args.facing or ("z" if (args.up or "y")[-1] != "z" else "-y"), scale),
-        garment_scale=_metres("--garment-unit", args.garment_unit),
+        axes=axes,
+        garment_axes=of_garment,
         weld=args.weld,
         anyway=args.anyway,
     )
+
+
+def _ahead(up: str) -> str:
+    """What a body usually faces in files with this axis up: -y where z is up, as in Blender, else z."""
+    return "z" if up[-1:] != "z" else "-y"
 
 
 def _metres(option: str, unit: str | None) -> float | None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from render import InputError
+from render import InputError, Mesh
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "dm": 0.1, "in": 0.0254, "ft": 0.3048}  # metres; likeliest first
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -49,6 +49,10 @@ class Axes:
     def apply(self, points: np.ndarray) -> np.ndarray:
         """(..., 3) in the file's units and axes -> (..., 3) metres, y up, facing +z; same dtype."""
         return (points @ (self.scale * self.rotation.T)).astype(points.dtype)
+
+    def of_mesh(self, mesh: Mesh) -> Mesh:
+        """The mesh in metres, y up, facing +z."""
+        return replace(mesh, vertices=self.apply(mesh.vertices))
 
     def __str__(self) -> str:
         return f"--up={self.up} --facing={self.facing}"

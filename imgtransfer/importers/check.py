@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from fusion import BodySdf
 from imgtransfer.data.clip import Clip
-from imgtransfer.importers.axes import UNITS, Axes, guess_axes, likely_unit
+from imgtransfer.importers.axes import AXES, UNITS, Axes, guess_axes, likely_unit
 from imgtransfer.importers.weld import seam_groups
 from render import InputError, Mesh, vertex_normals
 
@@ -31,24 +32,31 @@ class Finding:
 
 
 def check_template(
-    garment: Mesh, body: Mesh, *, given: Axes | None = None, welding: bool = False
+    garment: Mesh,
+    body: Mesh,
+    *,
+    given: Axes | None = None,
+    garment_given: Axes | None = None,
+    welding: bool = False,
 ) -> list[Finding]:
     """Check a garment and the body that it is to be worn by, both in the rest pose.
 
     Args:
         garment: metres, y up, facing +z.
         body: likewise.
-        given: how the files' axes and units were turned into ours, for messages that name the flags; None where
-            they were taken as they are.
+        given: how the body's file was turned into our axes and units, for messages that name the flags; None where
+            it was taken as it is.
+        garment_given: likewise the garment's file; None where it was turned as the body's.
         welding: whether seams will be welded, so that they are no fault.
 
     Returns:
         What is wrong, the most basic first; the place of the garment is looked at only where size and axes fit.
     """
     given = given or Axes()
-    found = [*_size(garment, body, given), *_axes(body, given)]
+    garment_given = garment_given or given
+    found = [*_size(garment, body, given, garment_given), *_axes(body, given)]
     if not found:
-        found += _place(garment, body)
+        found += _place(garment, body, garment_given)
     return found + check_topology(garment, welding=welding)
 
 
@@ -70,7 +78,7 @@ def refuse(findings: Sequence[Finding], *, anyway: bool = False) -> list[str]:
     return [finding.text for finding in findings]
 
 
-def _size(garment: Mesh, body: Mesh, given: Axes) -> list[Finding]:
+def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes) -> list[Finding]:
     """Whether the body is of human size, and the garment fits its size."""
     size, cloth = (float(np.ptp(mesh.vertices, axis=0).max()) for mesh in (body, garment))
     if not 0.4 <= size <= 2.8:
@@ -89,11 +97,11 @@ def _size(garment: Mesh, body: Mesh, given: Axes) -> list[Finding]:
         ]
     for times in (1e-3, 1e-2, 1e-1, 1e1, 1e2, 1e3):
         if not 0.05 <= cloth / size <= 3 and 0.1 <= times * cloth / size <= 1.5:
-            metres = given.scale * times
+            metres = garment_given.scale * times
             unit = next((name for name, value in UNITS.items() if np.isclose(value, metres)), None)
             hint = f": add --garment-unit={unit}" if unit else ""
-            text = f"{garment.source}: the garment would be {cloth:.3g} m large on a body of {size:.3g} m; its file is in "
-            return [Finding("unit", f"{text}other units than the body's{hint}", True)]
+            text = f"{garment.source}: the garment would be {cloth:.3g} m large on a body of {size:.3g} m; "
+            return [Finding("unit", f"{text}its file is in other units than the body's{hint}", True)]
     return []
 
 
@@ -106,7 +114,7 @@ def _axes(body: Mesh, given: Axes) -> list[Finding]:
     return [Finding("axes", f"{text}, not {given.up} and {given.facing}; add {guessed}", True)]
 
 
-def _place(garment: Mesh, body: Mesh) -> list[Finding]:
+def _place(garment: Mesh, body: Mesh, garment_given: Axes) -> list[Finding]:
     """Whether the garment is on the body, outside of it, and not inside out."""
     if _volume(body) < 0:
         text = f"{body.source}: the body's triangles are seen from inside (or its axes are left-handed)"
@@ -124,14 +132,18 @@ def _place(garment: Mesh, body: Mesh) -> list[Finding]:
         way = ", ".join(f"{value:+.2f}" for value in offset)
         text = f"{garment.source}: the garment is not on the body in the rest pose: its nearest vertex is "
         text += f"{distance.min():.2f} m away, the middle of the body lies by ({way}) m from its middle"
-        return [Finding("apart", f"{text}; export both from the same scene in the same pose", True)]
+        hint = _turn(garment, sdf, garment_given) or "export both from the same scene in the same pose"
+        return [Finding("apart", f"{text}; {hint}", True)]
     inside = distance < 0
     if inside.any():
         deepest = -float(distance.min())
         text = (
             f"{garment.source}: {inside.sum()} of {len(inside)} vertices start inside the body, the deepest "
         )
-        text += f"{1000 * deepest:.1f} mm; move them out, or export garment and body in the same pose"
+        hint = _turn(garment, sdf, garment_given) if deepest > DEEP else ""
+        text += (
+            f"{1000 * deepest:.1f} mm; {hint or 'move them out, or export garment and body in the same pose'}"
+        )
         found.append(Finding("inside", text, bool(deepest > DEEP)))
     normals = vertex_normals(points, torch.from_numpy(garment.faces))
     outward = ((normals * query.direction.double()).sum(-1) > 0).double()
@@ -139,6 +151,19 @@ def _place(garment: Mesh, body: Mesh) -> list[Finding]:
         text = f"{garment.source}: the garment's triangles are seen from inside; flip its normals and export again"
         found.append(Finding("inside_out", text, True))
     return found
+
+
+def _turn(garment: Mesh, sdf: BodySdf, given: Axes) -> str:
+    """The flags by which the garment would lie on the body, if its axes are what is wrong; else ""."""
+    points = garment.vertices[:: max(1, len(garment.vertices) // 500)] @ given.rotation  # in the file's axes
+    fitting = []
+    for up, facing in product(AXES, AXES):
+        if up[-1] == facing[-1] or (up, facing) == (given.up, given.facing):
+            continue
+        distance = sdf.distance(torch.from_numpy(points @ Axes(up, facing).rotation.T)).numpy()
+        if np.median(distance) < 0.12 and (distance < -DEEP).mean() < 0.02:
+            fitting.append((float(np.abs(distance).mean()), f"--garment-up={up} --garment-facing={facing}"))
+    return f"its axes are other ones than the body's: add {min(fitting)[1]}" if fitting else ""
 
 
 def check_worn(clip: Clip, source: str, *, hint: str) -> None:

@@ -35,7 +35,7 @@ class Options:
         smpl: folder with the files of the SMPL body model, or one of them.
         gender: of the SMPL body, where the format does not say.
         axes: how the meshes' coordinates lie.
-        garment_scale: metres a unit of the garment's files; None where it is as the body's.
+        garment_axes: how the garment's lie; None where they are as the body's.
         weld: join split seams. anyway: import although the checks found something.
     """
 
@@ -48,7 +48,7 @@ class Options:
     smpl: Path | None = None
     gender: str | None = None
     axes: Axes = field(default_factory=Axes)
-    garment_scale: float | None = None
+    garment_axes: Axes | None = None
     weld: bool = False
     anyway: bool = False
 
@@ -134,7 +134,8 @@ def run_jobs(jobs: Sequence[Job], data: DataSet, options: Options) -> int:
         try:
             clip = job.read()
         except InputError as error:
-            failed.append(str(error))
+            known = any(str(file) in str(error) or str(file.parent) in str(error) for file in job.files)
+            failed.append(str(error) if known else f"{job.files[0]}: {error}")
             continue
         if there and not mark and _same(data, job.name, clip):
             kept += 1

@@ -9,7 +9,7 @@ the body's rest pose. Without them the first frame is the rest pose.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -139,7 +139,7 @@ class _Ready:
 
 def _prepare(source: Source, options: Options, *, say: bool) -> _Ready:
     """Read the rest pose and the first frames, and check them; `say` prints what does not stop the work."""
-    garment_axes = replace(options.axes, scale=options.garment_scale or options.axes.scale)
+    garment_axes = options.garment_axes or options.axes
     garment, body = _first(source.garment, source.template), _first(source.body, source.body_rest)
     template = load_mesh(source.template) if source.template else garment
     body_rest = load_mesh(source.body_rest) if source.body_rest else body
@@ -152,11 +152,17 @@ def _prepare(source: Source, options: Options, *, say: bool) -> _Ready:
     ready = _Ready(
         garment,
         body,
-        _placed(template, garment_axes),
-        _placed(body_rest, options.axes),
+        garment_axes.of_mesh(template),
+        options.axes.of_mesh(body_rest),
         garment_axes,
     )
-    found = check_template(ready.template, ready.body_rest, given=options.axes, welding=options.weld)
+    found = check_template(
+        ready.template,
+        ready.body_rest,
+        given=options.axes,
+        garment_given=garment_axes,
+        welding=options.weld,
+    )
     for text in refuse(found, anyway=options.anyway):
         if say:
             print(f"note: {text}", file=sys.stderr)
@@ -172,10 +178,6 @@ def _first(moving: Path, rest: Path | None) -> Mesh:
             f"{moving}: a point cache has no triangles; put the mesh that it moves beside it as {what}.obj"
         )
     return load_mesh(rest)
-
-
-def _placed(mesh: Mesh, axes: Axes) -> Mesh:
-    return Mesh(axes.apply(mesh.vertices), mesh.faces, source=mesh.source, surface=mesh.surface)
 
 
 def _clip(source: Source, options: Options) -> Clip:

@@ -4,10 +4,10 @@ Facts from the README of github.com/isantesteban/vto-dataset:
 `<garment>/simulations/<garment>_shape<NN>_<sequence>.pkl` with `shapes` (T, 10), `poses` (T, 75), `vertices`
 (T, N, 3), `faces` (F, 3), `sequence`, `subject`, `conf`. Code of its authors and users (`src/io.py` of
 github.com/isantesteban/vto-garment-collisions, HOOD's converter) reads `shape`, `pose` (T, 72) and `translation` (T, 3)
-in their place: both are read here. That the 75 numbers are the pose and then the translation is concluded from that.
-The authors' code works at 30 frames a second, y up, on the female model (`basicModel_f_lbs_10_207_0_v1.0.0.pkl`); its
-`assets/meshes` have the garments' rest shapes. The split is that of section 4.1 of the image transfer paper, which
-follows VirtualBones.
+in their place: both are read here. The order of the 75 numbers is documented nowhere; the one is taken by which the
+body is inside the garment. The authors' code works at 30 frames a second, y up, on the female model
+(`basicModel_f_lbs_10_207_0_v1.0.0.pkl`); its `assets/meshes` have the garments' rest shapes. The split is that of
+section 4.1 of the image transfer paper, which follows VirtualBones.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
+from fusion import BodySdf
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.check import check_worn
 from imgtransfer.importers.files import check_shape, natural_sort
@@ -74,7 +76,7 @@ def _template_file(given: Path | None, garment: str) -> Path:
 
 
 def _clip(path: Path, template: Mesh, model: SmplModel, sequence: str, options: Options) -> Clip:
-    betas, poses, trans, vertices, faces = _arrays(path, load_pickle(path), sequence)
+    betas, numbers, vertices, faces = _arrays(path, load_pickle(path), sequence)
     if len(template.vertices) != vertices.shape[1]:
         raise InputError(
             f"{path}: {vertices.shape[1]} vertices, but the template {template.source} has {len(template.vertices)}; "
@@ -82,6 +84,7 @@ def _clip(path: Path, template: Mesh, model: SmplModel, sequence: str, options: 
         )
     if not np.array_equal(_sorted(template.faces), _sorted(faces)):
         raise InputError(f"{path}: other triangles than {template.source}, whose vertex order it must have")
+    poses, trans = _pose_and_place(model, betas, numbers, vertices)
     clip = Clip(
         template_vertices=template.vertices.astype(np.float32),
         garment_faces=faces,
@@ -102,8 +105,24 @@ def _clip(path: Path, template: Mesh, model: SmplModel, sequence: str, options: 
     return clip
 
 
+def _pose_and_place(
+    model: SmplModel, betas: np.ndarray, numbers: np.ndarray, vertices: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (T, 72) and translations (T, 3) among the 75 numbers: of both orders the one that wears the garment."""
+    frames = np.unique([0, len(numbers) // 2, len(numbers) - 1])
+    orders = [(numbers[:, :72], numbers[:, 72:]), (numbers[:, 3:], numbers[:, :3])]
+    sdf = BodySdf(model.faces, len(model.template))
+
+    def misfit(order: tuple[np.ndarray, np.ndarray]) -> float:
+        sdf.update(model.posed(betas, order[0][frames], order[1][frames]))
+        distance = sdf.distance(torch.from_numpy(vertices[frames]))
+        return float(distance.abs().mean() + (distance < -0.001).double().mean())
+
+    return orders[0] if misfit(orders[0]) <= misfit(orders[1]) else orders[1]
+
+
 def _arrays(path: Path, stored: Any, sequence: str) -> tuple[np.ndarray, ...]:
-    """Shape (10,), poses (T, 72), translations (T, 3), vertices (T, N, 3) and faces (F, 3) of one file."""
+    """Shape (10,), poses and translations (T, 75), vertices (T, N, 3) and faces (F, 3) of one file."""
     if not isinstance(stored, dict):
         raise InputError(
             f"{path}: a dict is wanted, with shapes, poses, vertices and faces; found {type(stored).__name__}"
@@ -133,7 +152,7 @@ def _arrays(path: Path, stored: Any, sequence: str) -> tuple[np.ndarray, ...]:
     if len(shapes) not in (1, frames) or np.ptp(shapes, axis=0).max() > 1e-3:
         raise InputError(f"{path}: shapes {shapes.shape} must be the same shape in each of {frames} frames")
     faces = check_shape(str(path), "faces", stored["faces"], (None, 3)).astype(np.int64)
-    return shapes[0], poses[:, :72], poses[:, 72:], vertices.astype(np.float32), faces
+    return shapes[0], poses, vertices.astype(np.float32), faces
 
 
 def _sorted(faces: np.ndarray) -> np.ndarray:

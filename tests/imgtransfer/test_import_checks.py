@@ -14,6 +14,7 @@ from import_examples import standing_body, vest, write_obj, write_pc2
 from imgtransfer.importers.axes import AXES, UNITS, Axes, guess_axes, likely_unit
 from imgtransfer.importers.check import check_template, check_topology, refuse
 from imgtransfer.importers.frames import frame_files, read_moving_mesh
+from imgtransfer.importers.template import load_template
 from imgtransfer.importers.weld import weld, weld_motion
 from render import InputError, Mesh
 from render.surface import Surface
@@ -293,6 +294,31 @@ def test_a_garment_beside_the_body(body: Mesh, shirt: Mesh) -> None:
     (finding,) = check_template(moved(shirt, shirt.vertices + AHEAD), body)
     assert finding.kind == "apart"
     assert "not on the body in the rest pose" in finding.text
+
+
+def test_a_garment_in_other_axes_than_the_body(body: Mesh, shirt: Mesh, tmp_path: Path) -> None:
+    lying = moved(shirt, shirt.vertices @ Axes("z", "-y").rotation)  # z up on a body that has y up
+    (finding,) = check_template(lying, body)
+    assert finding.severe
+    assert "its axes are other ones than the body's: add --garment-up=z --garment-facing=-y" in finding.text
+    write_obj(tmp_path / "vest.obj", lying.vertices, lying.faces)
+    with pytest.raises(InputError, match="add --garment-up=z"):
+        load_template(tmp_path / "vest.obj", body)
+    garment, notes = load_template(tmp_path / "vest.obj", body, axes=Axes("z", "-y"))
+    np.testing.assert_allclose(garment.vertices, shirt.vertices, atol=1e-6)
+    assert notes == []
+
+
+def test_a_template_is_welded_on_its_way(tmp_path: Path) -> None:
+    body = Mesh(*synthetic.tube(0.15, 1.0, 9, 14, closed=True), source="body")
+    mesh = split_tube()
+    write_obj(tmp_path / "shirt.obj", mesh.vertices + np.array([0, 0.2, 0]), mesh.faces)
+    with pytest.raises(InputError, match="add --weld"):
+        load_template(tmp_path / "shirt.obj", body)
+    garment, _ = load_template(tmp_path / "shirt.obj", body, welding=True)
+    assert len(garment.vertices) == 24
+    assert garment.surface is not None
+    np.testing.assert_array_equal(garment.surface.faces, mesh.faces)
 
 
 def test_a_garment_inside_the_body(body: Mesh) -> None:

@@ -198,6 +198,18 @@ def stays_in_its_frame(clip: Clip) -> None:
     assert np.linalg.norm(local - clip.template_vertices, axis=-1).max() < 0.1
 
 
+def test_vto_finds_the_order_of_pose_and_translation(
+    tmp_path: Path, vto: Path, model: SmplModel, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = vto / "tshirt_shape00_01_01.pkl"
+    content = pickle.loads(path.read_bytes())
+    content["poses"] = np.roll(content["poses"], 3, axis=1)  # the translation first
+    path.write_bytes(pickle.dumps(content))
+    run(capsys, *vto_argv(vto, tmp_path))
+    clip = DataSet.open(tmp_path / "set").read("tshirt/shape00_01_01")
+    np.testing.assert_allclose(clip.body_vertices, model.posed(BETAS, motion(FRAMES), TRANS), atol=1e-5)
+
+
 def test_vto_goes_on_where_it_stopped(
     tmp_path: Path, vto: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -270,6 +282,7 @@ BAD_VTO: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
         "must be the same shape in each of 5 frames",
     ),
     "not finite": (lambda c: c | {"vertices": c["vertices"] * np.nan}, "not finite"),
+    "poses not finite": (lambda c: c | {"poses": c["poses"] * np.nan}, "not finite"),
     "beside the body": (
         lambda c: c | {"vertices": c["vertices"] + np.float32(2)},
         "not on the body in frame 0",
