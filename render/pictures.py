@@ -74,6 +74,7 @@ def map_sheet(
     views: Sequence[str],
     *,
     frames: Sequence[int],
+    numbers: Sequence[int] | None = None,
     title: str = "",
 ) -> np.ndarray:
     """Encoded maps of some frames: a row a frame, a column a kind of map and view, background white.
@@ -83,6 +84,7 @@ def map_sheet(
         mask: (S, H, W) bool.
         views: S names.
         frames: which of the T frames to show.
+        numbers: what these frames are called, if not by their places.
         title: text above everything.
 
     Returns:
@@ -98,7 +100,10 @@ def map_sheet(
     ]
     columns = [f"{name}, {view}" for name in maps for view in views]
     return contact_sheet(
-        rows, row_labels=[f"frame {frame}" for frame in frames], column_labels=columns, title=title
+        rows,
+        row_labels=[f"frame {number}" for number in numbers or frames],
+        column_labels=columns,
+        title=title,
     )
 
 

@@ -96,18 +96,6 @@ def frame_slice(text: str) -> slice:
     raise InputError(f"--frames {text}: wanted is a frame number or START:STOP:STEP, such as 0:60:10")
 
 
-def cut_frames(clip: Clip, text: str) -> Clip:
-    """The clip with only the frames that --frames names.
-
-    Raises:
-        InputError: it names none of them.
-    """
-    frames = frame_slice(text)
-    if len(range(clip.n_frames)[frames]) == 0:
-        raise InputError(f"--frames {text}: {clip.name} has {clip.n_frames} frames, none of these")
-    return clip.slice(frames)
-
-
 def folder_name(clip_name: str) -> str:
     """The folder that holds what is made from a clip: "tshirt/walk" -> "tshirt__walk"."""
     return clip_name.replace("/", "__")

@@ -1,40 +1,62 @@
-"""`imgtransfer render`: clips as maps, for other programs and for eyes."""
+"""`imgtransfer render`: clips and meshes as maps, for other programs and for eyes."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.options import add_clip_choice, chosen_clips, cut_frames, folder_name, image_size
+from imgtransfer.cli.options import (
+    add_clip_choice,
+    add_views,
+    chosen_refs,
+    folder_name,
+    frame_slice,
+    image_size,
+)
+from render import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
+    from imgtransfer.data.canonical import RootMode
+    from imgtransfer.data.source import ClipRef
+    from imgtransfer.rendering.output import Options
+    from imgtransfer.rendering.scene import Scene
 
-    from imgtransfer.data.clip import Clip
-    from render import PositionBox, TemplateImager
-
-SHEET_FRAMES = 5  # rows of a contact sheet
+MESH_OPTIONS = ("body", "body_template", "fps")  # options that only go with --template
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """Add the command's arguments."""
     parser = subparsers.add_parser(
         "render",
-        help="write the maps of clips, as npz and as PNG contact sheets",
-        description="For each clip a folder with garment.npz, body.npz and sheets of positions, normals, "
-        "mask and depth. Both are seen by the same cameras and encoded by the garment's box.",
+        help="write the maps of clips or meshes, as npz or EXR and as PNG sheets",
+        usage="%(prog)s SOURCE --out DIR [options]\n"
+        "       %(prog)s FRAMES --template FILE [--body FRAMES --body-template FILE] --out DIR [options]",
+        description="For each clip a folder with the maps of garment and body, and sheets for eyes: positions and "
+        "normals; mask, depth and visibility; frames over time; and with --against the difference. Garment and body "
+        "are seen by the same cameras and encoded by the garment's box. docs/maps.md describes the files.",
     )
-    parser.add_argument("source", type=Path, help="data set, clip npz or folder of clip npz")
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        help="data set, clip npz or folder of clip npz; with --template one mesh, a folder with one a frame, or a "
+        "pattern in quotes, such as 'out/shirt_*.obj'",
+    )
     parser.add_argument("--out", required=True, type=Path, help="folder for the results")
     add_clip_choice(parser)
     parser.add_argument("--frames", default=":", help="one number, or START:STOP:STEP; default all")
     parser.add_argument("--size", default="256", help="pixels: 256, or HEIGHTxWIDTH; default 256")
-    parser.add_argument("--views", default="front,back", help="out of front, back, left, right")
+    add_views(parser)
+    parser.add_argument(
+        "--format", choices=("npz", "exr"), default="npz", help="of the maps; exr makes a folder of images"
+    )
+    parser.add_argument(
+        "--against", metavar="OTHER", help="a source of the same meshes, to draw the distance between the two"
+    )
     parser.add_argument(
         "--root",
         choices=("heading", "root"),
-        default="heading",
         help="what the canonical frame removes: the heading, or the whole root rotation; default heading",
     )
     parser.add_argument(
@@ -43,77 +65,101 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         default="auto",
         help="what rasterises; default the first that works",
     )
+    meshes = parser.add_argument_group("plain mesh files (metres, y up, facing +z)")
+    meshes.add_argument(
+        "--template", type=Path, help="the garment at rest; SOURCE is then the garment in motion"
+    )
+    meshes.add_argument("--body", type=Path, metavar="FRAMES", help="the body in motion")
+    meshes.add_argument("--body-template", type=Path, metavar="FILE", help="the body at rest")
+    meshes.add_argument("--fps", type=float, help="frames a second, for the map files; default 30")
     return parser
 
 
 def run(args: argparse.Namespace) -> None:
-    """Render every clip that is asked for; a clip's folder appears whole or not at all."""
-    from imgtransfer.data.canonical import root_frames  # noqa: PLC0415
-    from render import Mesh, PositionBox, TemplateImager  # noqa: PLC0415
-    from render.files import written_whole_folder  # noqa: PLC0415
+    """Render everything that is asked for; the folder of each appears whole or not at all."""
+    from tqdm import tqdm  # noqa: PLC0415
 
-    size = image_size(args.size)
-    for whole in chosen_clips(args, args.source):
-        clip = cut_frames(whole, args.frames)
-        garment = TemplateImager.build(
-            Mesh(clip.template_vertices, clip.garment_faces, f"{clip.name}: garment"),
-            views=args.views.split(","),
-            size=size,
-            backend=args.backend,
-        )
-        body = TemplateImager.build(
-            Mesh(clip.body_rest, clip.body_faces, f"{clip.name}: body"),
-            cameras=garment.cameras,
-            backend=args.backend,
-        )
-        frames = root_frames(clip, args.root)
-        moving = {"body": (body, frames.to_canonical(clip.body_vertices))}
-        if clip.garment_vertices is not None:
-            moving["garment"] = (garment, frames.to_canonical(clip.garment_vertices))
-        box = PositionBox.around(moving["garment" if "garment" in moving else "body"][1])
-        target = args.out / folder_name(clip.name)
-        with written_whole_folder(target) as folder:
-            for name, (imager, vertices) in moving.items():
-                _write_maps(folder, name, imager, vertices, clip, box, frames.rotation, frames.translation)
-        print(f"{target}  {clip.n_frames} frames, {garment.raster.backend}")
+    from imgtransfer.rendering.output import Options, render_scene  # noqa: PLC0415
 
-
-def _write_maps(  # noqa: PLR0917
-    folder: Path,
-    name: str,
-    imager: TemplateImager,
-    vertices: np.ndarray,
-    clip: Clip,
-    box: PositionBox,
-    rotation: np.ndarray,
-    translation: np.ndarray,
-) -> None:
-    """Write <name>.npz, <name>_maps.png and <name>_template.png."""
-    import torch  # noqa: PLC0415
-
-    from render import MapFile, contact_sheet, save_maps, write_png  # noqa: PLC0415
-    from render.pictures import map_sheet  # noqa: PLC0415
-
-    points = torch.from_numpy(vertices)
-    maps = {
-        "position": imager.position_maps(points, box).numpy(),
-        "normal": imager.normal_maps(points).numpy(),
-    }
-    save_maps(
-        folder / f"{name}.npz",
-        MapFile.of(imager, **maps, box=box, rotation=rotation, translation=translation, fps=clip.fps),
+    options = Options(
+        size=image_size(args.size),
+        views=args.views,
+        layers=args.layers or 1,
+        backend=args.backend,
+        file_format=args.format,
     )
-    mask, views = imager.raster.mask, [camera.name for camera in imager.cameras]
-    shown = sorted({round(i * (clip.n_frames - 1) / (SHEET_FRAMES - 1)) for i in range(SHEET_FRAMES)})
-    title = f"{clip.name}: {name}"
-    write_png(folder / f"{name}_maps.png", map_sheet(maps, mask, views, frames=shown, title=title))
-    depth = imager.raster.depth
-    near, far = depth[mask].min(), depth[mask].max()
-    shade = 1 - 0.85 * (depth - near) / max(far - near, 1e-6)  # near is bright
-    shade[~mask] = 0
-    template = [[*mask.astype(float)], [*shade]]
-    labels = ["mask", f"depth, {near:.2f} m (bright) to {far:.2f} m"]
-    write_png(
-        folder / f"{name}_template.png",
-        contact_sheet(template, row_labels=labels, column_labels=views, title=f"{title} at rest"),
+    for scene, other in _scenes(args):
+        target = args.out / folder_name(scene.name)
+        total = scene.n_frames * len(scene.meshes)
+        with tqdm(total=total, desc=scene.name, unit="frame", disable=None) as bar:
+            distances = render_scene(scene, target, options, against=other, progress=bar.update)
+        print(_summary(target, scene, options))
+        for name, distance in distances.items():
+            print(f"  {name}: {distance.mean():.3f} mm apart on average, {distance.max():.3f} mm at most")
+
+
+def _summary(target: Path, scene: Scene, options: Options) -> str:
+    meshes = " and ".join(f"{name}{'.npz' if options.file_format == 'npz' else '/'}" for name in scene.meshes)
+    return f"{target}  {scene.n_frames} frames: {meshes}, sheets as .png"
+
+
+def _scenes(args: argparse.Namespace) -> Iterator[tuple[Scene, Scene | None]]:
+    """Every scene that is asked for and, if wanted, what to compare it with; one in memory at a time."""
+    if args.template is not None:
+        yield _meshes(args, args.source), None if args.against is None else _meshes(args, args.against)
+        return
+    given = [f"--{name.replace('_', '-')}" for name in MESH_OPTIONS if getattr(args, name) is not None]
+    if given:
+        raise InputError(f"{', '.join(given)}: only for plain meshes, together with --template")
+    _check_no_meshes(args.source)
+    from imgtransfer.rendering.scene import clip_scene  # noqa: PLC0415
+
+    refs = chosen_refs(args, args.source)
+    others = {} if args.against is None else _others(args.against, refs)
+    root: RootMode = args.root or "heading"
+    for ref in refs:
+        other = _cut(args, clip_scene(others[ref.name].load(), root)) if others else None
+        yield _cut(args, clip_scene(ref.load(), root)), other
+
+
+def _others(source: str, refs: Sequence[ClipRef]) -> dict[str, ClipRef]:
+    """The clip to compare each one with: of the same name, or the only one with the only one."""
+    from imgtransfer.data.source import clip_refs  # noqa: PLC0415
+
+    found = {ref.name: ref for ref in clip_refs(source)}
+    if len(refs) == len(found) == 1:
+        return {refs[0].name: next(iter(found.values()))}
+    lost = [ref.name for ref in refs if ref.name not in found]
+    if lost:
+        raise InputError(f"--against {source}: no clip {', '.join(lost)} in it; it has {', '.join(found)}")
+    return found
+
+
+def _meshes(args: argparse.Namespace, frames: str) -> Scene:
+    from imgtransfer.rendering.scene import mesh_scene  # noqa: PLC0415
+
+    if args.split is not None or args.clip is not None:
+        raise InputError("--split and --clip choose among clips; with --template there are none")
+    fps = 30.0 if args.fps is None else args.fps
+    scene = mesh_scene(
+        args.template, Path(frames), body_template=args.body_template, body=args.body, root=args.root, fps=fps
     )
+    return _cut(args, scene)
+
+
+def _cut(args: argparse.Namespace, scene: Scene) -> Scene:
+    frames = frame_slice(args.frames)
+    if len(range(scene.n_frames)[frames]) == 0:
+        raise InputError(f"--frames {args.frames}: {scene.name} has {scene.n_frames} frames, none of these")
+    return scene.cut(frames)
+
+
+def _check_no_meshes(source: str) -> None:
+    """Meshes without --template would be taken for a broken clip."""
+    from render.meshio import SUFFIXES  # noqa: PLC0415
+
+    path = Path(source)
+    found = [path, *(path.iterdir() if path.is_dir() else ())]
+    suffixes = {entry.suffix.lower() for entry in found}
+    if suffixes & set(SUFFIXES) and ".npz" not in suffixes:
+        raise InputError(f"{source}: meshes are rendered with --template FILE, the garment at rest")

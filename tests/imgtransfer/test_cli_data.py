@@ -6,7 +6,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -16,7 +15,6 @@ from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, load_clip, save_clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.evaluation.metrics import METRICS
-from render import load_maps
 
 
 @pytest.fixture
@@ -97,38 +95,6 @@ def test_export_refuses_unknown_endings_and_folders_in_use(
         capsys, "export", data, "dress/bend", "--out", tmp_path / "a.npz"
     )
     assert not (tmp_path / "a.npz").exists()
-
-
-# render
-
-
-def test_render_writes_maps_and_pictures(tmp_path: Path, data: Path, tube_clip: Clip) -> None:
-    out = tmp_path / "maps"
-    argv = [
-        "render",
-        str(data),
-        "--clip",
-        "*/short",
-        "--out",
-        str(out),
-        "--size",
-        "48x32",
-        "--frames",
-        "1:4:2",
-    ]
-    assert main([*argv, "--backend", "numpy", "--root", "root"]) == 0
-    folder = out / "tube__short"
-    assert sorted(file.name for file in folder.iterdir()) == sorted(
-        f"{mesh}{end}" for mesh in ("body", "garment") for end in (".npz", "_maps.png", "_template.png")
-    )
-    maps, body = load_maps(folder / "garment.npz"), load_maps(folder / "body.npz")
-    assert maps.position.shape == maps.normal.shape == body.position.shape == (2, 2, 48, 32, 3)
-    np.testing.assert_array_equal(maps.box_lo, body.box_lo)
-    np.testing.assert_array_equal(maps.view_matrices, body.view_matrices)
-    seen = maps.box.decode(maps.position[0][maps.mask]) @ maps.rotation[0].T + maps.translation[0]
-    truth = tube_clip.garment_vertices[1]
-    assert ((seen >= truth.min(0) - 1e-4) & (seen <= truth.max(0) + 1e-4)).all()
-    assert cv2.imread(str(folder / "garment_maps.png")).std() > 10
 
 
 # evaluate

@@ -1,0 +1,1 @@
+"""Meshes in motion as maps and pictures."""
