@@ -74,7 +74,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def _add_single(group: argparse._ArgumentGroup) -> None:
     """Options that only go with --maps. Everything is in world coordinates, metres."""
-    group.add_argument("--maps", type=Path, metavar="FILE", help="map file")
+    group.add_argument("--maps", type=Path, metavar="FILE", help="map file: npz, or a folder of EXR files")
     group.add_argument("--out", type=Path, metavar="DIR", help="folder for the results")
     group.add_argument("--template", type=Path, help="mesh in place of the map file's template")
     group.add_argument(

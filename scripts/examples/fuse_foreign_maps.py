@@ -36,9 +36,9 @@ LIMIT_MM, CELL = 20.0, 200  # of the picture: the brightest error colour; pixels
 # What is fused, by name: more and more of the options. Files are in the folder of the example.
 ERODED, BODY = ["--erode", "4"], ["--body", "body.npz"]
 RUNS = {
-    "positions only": ["--positions-only"],
-    "+ normals": [],
-    "+ --erode": ERODED,
+    "as they come": [],
+    "--erode, positions only": [*ERODED, "--positions-only"],
+    "--erode": ERODED,
     "+ --body": ERODED + BODY,
     "+ --config": [*ERODED, *BODY, "--config", "trust.yaml"],
 }

@@ -1,0 +1,138 @@
+#!/usr/bin/env python
+"""What each term of the fusion is worth: Table 5 of the paper, on predictions of `imgtransfer predict`.
+
+    imgtransfer predict configs/pretrained configs/sample_data/tshirt.zarr --split test --out predictions
+    scripts/bench/fusion_terms.py predictions --truth configs/sample_data/tshirt.zarr
+
+Prints, by solver, the distance to the truth of the vertices as the maps give them, after the edge stage, with the
+rendered normals, and in full (normal consistency and the body added). docs/results.md holds the outcome. With
+--true-normals the predicted normal maps are replaced by those of the truth: what the term can do, the prediction's
+errors aside.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from tabulate import tabulate
+
+# This folder's own fusion.py and render.py must not hide the packages.
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from fusion import FusionConfig
+from fusion.run import fuse_maps
+from imgtransfer.cli.options import clip_name
+from imgtransfer.data.canonical import RootFrames
+from imgtransfer.data.clip import Clip
+from imgtransfer.data.source import open_clips
+from imgtransfer.evaluation.metrics import evaluate_clip, mean_over_frames
+from imgtransfer.predictions import MAPS_FILE, predicted_clips
+from render import InputError, MapFile, TemplateImager, load_maps
+
+SOLVERS = ("local_global", "adam")
+# By name: changes of the configuration, and what else `fuse_maps` is told.
+NO_STEPS = {"edge_iterations": 0, "edge_steps": 0, "normal_iterations": 0, "normal_steps": 0}
+ROWS: dict[str, tuple[dict[str, float], dict[str, bool]]] = {
+    "initialisation": (dict(NO_STEPS), {"positions_only": True}),
+    "+ edge lengths": ({}, {"positions_only": True}),
+    "+ rendered normals": ({"weight_consistency": 0.0}, {}),
+    "full": ({}, {"body": True}),
+}
+COLUMNS = {
+    "rmse_mm": "RMSE (mm)",
+    "hausdorff_mm": "Hausdorff (mm)",
+    "sted": "STED",
+    "penetration_percent": "inside body (%)",
+}
+
+
+def fused(maps: MapFile, truth: Clip, config: FusionConfig, told: Mapping[str, bool]) -> np.ndarray:
+    """The garment in the world, (T, N, 3) metres."""
+    frames = RootFrames(maps.rotation, maps.translation)
+    body: dict[str, Any] = {}
+    if told.get("body"):
+        body = {"body_vertices": frames.to_canonical(truth.body_vertices), "body_faces": truth.body_faces}
+    only = told.get("positions_only", False)
+    return frames.to_world(fuse_maps(maps, positions_only=only, config=config, **body).vertices)
+
+
+def with_true_normals(maps: MapFile, truth: Clip) -> MapFile:
+    """The same predicted positions with normal maps of the truth."""
+    assert truth.garment_vertices is not None
+    imager = TemplateImager.build(maps.template, cameras=maps.cameras)
+    canonical = RootFrames(maps.rotation, maps.translation).to_canonical(truth.garment_vertices)
+    return replace(maps, normal=imager.normal_maps(torch.from_numpy(canonical)).numpy())
+
+
+def measure(
+    predictions: Path, truth: Path, *, true_normals: bool = False
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Means over all frames of all predicted clips: solver -> row -> metric."""
+    predicted = {
+        clip_name(folder.resolve().name): load_maps(folder / MAPS_FILE)
+        for folder in predicted_clips(predictions)
+    }
+    truths = {clip.name: clip for clip in open_clips(truth, names=list(predicted))}
+    for clip in truths.values():
+        if clip.garment_vertices is None:
+            raise InputError(f"{truth}: clip {clip.name} has no garment vertices to compare with")
+    if true_normals:
+        predicted = {name: with_true_normals(maps, truths[name]) for name, maps in predicted.items()}
+    found: dict[str, dict[str, dict[str, float]]] = {}
+    for solver in SOLVERS:
+        found[solver] = {}
+        for row, (changes, told) in ROWS.items():
+            config = FusionConfig.model_validate({"solver": solver} | changes)
+            values = []
+            for name, maps in predicted.items():
+                clip = truths[name]
+                assert clip.garment_vertices is not None
+                vertices = fused(maps, clip, config, told)
+                metrics = evaluate_clip(
+                    vertices, clip.garment_vertices, clip.garment_faces, clip.body_vertices, clip.body_faces
+                )
+                values.append((metrics, clip.n_frames))
+            overall = mean_over_frames(values)
+            found[solver][row] = {key: float(overall[key]) for key in COLUMNS}
+    return found
+
+
+def table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
+    """As docs/results.md has it."""
+    rows = [
+        [solver, row, *(values[key] for key in COLUMNS)]
+        for solver, by_row in found.items()
+        for row, values in by_row.items()
+    ]
+    headers = ["solver", "terms", *COLUMNS.values()]
+    return tabulate(rows, headers=headers, tablefmt="github", floatfmt=("", "", ".2f", ".2f", ".4f", ".3f"))
+
+
+def command() -> None:
+    """Parse the command line, measure, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("predictions", type=Path, help="what `imgtransfer predict` wrote")
+    parser.add_argument("--truth", type=Path, required=True, help="data set, clip npz or folder of clip npz")
+    parser.add_argument(
+        "--true-normals", action="store_true", help="normal maps of the truth in place of the predicted ones"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON in place of a table")
+    args = parser.parse_args()
+    found = measure(args.predictions, args.truth, true_normals=args.true_normals)
+    print(json.dumps(found, indent=2) if args.json else table(found))
+
+
+if __name__ == "__main__":
+    from imgtransfer.cli.main import exit_status
+
+    raise SystemExit(exit_status(command, program="fusion_terms", stopped="stopped"))
