@@ -26,10 +26,10 @@ class FusionConfig(BaseModel):
         description="`local_global`: quasi-Newton steps around a prefactorised system; `adam`: the paper's schedule.",
     )
     edge_iterations: int = Field(
-        default=15, ge=0, description="Of `local_global`, first stage (edge lengths), at most; 0 skips it."
+        default=12, ge=0, description="Of `local_global`, first stage (edge lengths), at most; 0 skips it."
     )
     normal_iterations: int = Field(
-        default=25,
+        default=24,
         ge=0,
         description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
     )
@@ -41,7 +41,7 @@ class FusionConfig(BaseModel):
         "relative to the objective.",
     )
     sdf_every_iterations: int = Field(
-        default=10, ge=1, description="Of `local_global`: steps between two distance queries."
+        default=12, ge=1, description="Of `local_global`: steps between two distance queries."
     )
     edge_steps: int = Field(
         default=100, ge=0, description="Of `adam`, first stage (edge lengths); 0 skips it."

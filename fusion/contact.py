@@ -1,35 +1,40 @@
-"""Vertices against a surface, each by the tangent plane below it."""
+"""Where vertices may go: above the obstacle's tangent planes below them, and nowhere if they are pinned."""
 
 from __future__ import annotations
 
 import torch
 
+from fusion.energy import Energy
 from fusion.losses import collision_loss
+from fusion.recorder import Recorder
 from fusion.sdf import Obstacle
 
 _TOUCHING = 1e-5  # metres: a vertex nearer to its plane than this touches it
 
 
 class Contact:
-    """Keeps vertices outside of an obstacle that is asked for only every few steps.
+    """An obstacle that is asked for only every few steps.
 
     In between, the surface below each vertex is its tangent plane; within the few millimetres that a vertex moves,
     that is as good.
 
     Args:
         obstacle: one posed obstacle a frame.
+        like: (T, N, 3), sets device and dtype.
         margin_m: metres of clearance that vertices keep.
         every_steps: steps between two queries.
-        loose: (N, 1) 1 for vertices that may move, 0 for those that are held; None for all.
+
+    Attributes:
+        normal: (T, N, 3) unit vectors away from the surface, 0 where it is too far to matter.
+        offset: (T, N) metres: a vertex x is above its plane where normal · x is at least this.
+        depth: (T,) metres, the collision term of equation 7 at the last look.
     """
 
-    def __init__(
-        self, obstacle: Obstacle, margin_m: float, every_steps: int, loose: torch.Tensor | None = None
-    ) -> None:
-        self._obstacle, self._margin, self._every, self._loose = obstacle, margin_m, every_steps, loose
-        self._normal = self._offset = torch.empty(0)
-        #: (T,) metres, the collision term of equation 7 at the last look.
-        self.depth = torch.empty(0)
+    def __init__(self, obstacle: Obstacle, like: torch.Tensor, *, margin_m: float, every_steps: int) -> None:
+        self._obstacle, self._margin, self._every = obstacle, margin_m, every_steps
+        self.normal = torch.zeros_like(like, memory_format=torch.contiguous_format)
+        self.offset = self.normal.new_zeros(like.shape[:2])
+        self.depth = self.normal.new_zeros(len(like))
 
     def due(self, step: int) -> bool:
         """Whether it is time for a query."""
@@ -38,20 +43,50 @@ class Contact:
     def look(self, vertices: torch.Tensor) -> None:
         """Take new planes at vertices (T, N, 3)."""
         found = self._obstacle.query(vertices)
-        self._normal = found.direction.to(vertices)
+        self.normal.copy_(found.direction)
         distance = found.distance.to(vertices)
-        self._offset = (self._normal * vertices).sum(-1) + (self._margin - distance)
+        torch.add((self.normal * vertices).sum(-1), self._margin - distance, out=self.offset)
         self.depth = collision_loss(distance, margin_m=self._margin)
 
-    def pushed_out(self, vertices: torch.Tensor) -> torch.Tensor:
-        """Vertices (T, N, 3), those below their planes brought up to them."""
-        lift = (self._offset - (self._normal * vertices).sum(-1)).clamp(min=0)[..., None]
-        if self._loose is not None:
-            lift = lift * self._loose
-        return torch.addcmul(vertices, lift, self._normal)
 
-    def wall(self, vertices: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
-        """(T, N, 3): the plane's normal where a vertex touches it and descent would push it in; 0 elsewhere."""
-        gap = (self._normal * vertices).sum(-1) - self._offset
-        pressed = (self._normal * gradient).sum(-1) > 0
-        return self._normal * ((gap <= _TOUCHING) & pressed)[..., None]
+class Motion:
+    """Steps of the vertices of an energy, and which directions are open to them.
+
+    Args:
+        energy: its `active` frames take part, its `gradient` presses vertices against their planes, its `vertices`
+            are where steps lead.
+        loose: (N,) bool, vertices that may move; None for all.
+        contact: the obstacle; None without.
+
+    Attributes:
+        vertices: (T, N, 3), from where steps go.
+        direction: (T, N, 3), along which.
+        length: (T,), how far.
+        gradient: (T, N, 3), the energy's at `vertices`.
+    """
+
+    def __init__(self, energy: Energy, loose: torch.Tensor | None, contact: Contact | None) -> None:
+        like = energy.vertices
+        self.vertices, self.gradient = torch.zeros_like(like), torch.zeros_like(like)
+        self.direction, self.length = torch.zeros_like(like), like.new_ones(len(like))
+        frames, count, _ = like.shape
+        self._free, self._advance = (Recorder(like, energy.active, frames) for _ in range(2))
+        place = self._free
+        vertices, direction = place.vectors(self.vertices), place.vectors(self.direction)
+        wall = (
+            [None, None] if contact is None else [place.vectors(contact.normal), place.reals(contact.offset)]
+        )
+        wall.append(None if loose is None else place.ints(loose))
+        gradient = place.vectors(self.gradient)
+        place("free", count, vertices, gradient, *wall, _TOUCHING, direction, direction)
+        length, target = place.reals(self.length), place.vectors(energy.vertices)
+        self._advance("advance", count, vertices, direction, length, *wall, target)
+
+    def project(self) -> torch.Tensor:
+        """`direction`, of which what is not open has been taken away."""
+        self._free.run()
+        return self.direction
+
+    def advance(self) -> None:
+        """Put the energy's vertices where the step leads, and out of the obstacle."""
+        self._advance.run()

@@ -13,8 +13,8 @@ import numpy as np
 import torch
 
 from fusion.losses import second_difference
+from fusion.recorder import Recorder
 from fusion.stencil import ShownFaces, Stencil
-from fusion.warp_start import warp_module
 
 TERMS = ("edge_length_m2", "displacement_m2", "normal_consistency", "normal_rendering", "temporal_m2")
 
@@ -65,7 +65,7 @@ class Energy:
         divisors = torch.tensor([n_edges, 1, n_edges, n_pixels, 1], dtype=torch.float64)
         self._divisors = divisors.to(anchor.device)
         self.factors = torch.tensor(list(self._weights.values()), dtype=torch.float64).to(anchor.device)
-        self._record = _Recorder(anchor, self.active, frames)
+        self._record = Recorder(anchor, self.active, frames)
         through = self._record_normals(stencil, shown, target, confidence)
         share = share.to(anchor).expand(frames, -1)
         place, lists = self._record, self._lists(stencil)
@@ -155,54 +155,3 @@ class Energy:
             place.reals(self._energies),
         )
         return through
-
-
-class _Recorder:
-    """Kernel launches with all their arguments, and Warp views of the tensors that they work on.
-
-    Args:
-        like: sets device and dtype of all floating-point arguments.
-        active: (T,) int32, every kernel's first argument.
-        frames: T, the first axis of every launch.
-    """
-
-    def __init__(self, like: torch.Tensor, active: torch.Tensor, frames: int) -> None:
-        from fusion.energy_kernels import kernels  # noqa: PLC0415 (defining kernels imports warp)
-
-        self._warp, self._like, self._frames = warp_module(), like, frames
-        double = like.dtype == torch.float64
-        self._kernels = kernels(64 if double else 32)
-        self._real = self._warp.float64 if double else self._warp.float32
-        self._vector = self._warp.types.vector(3, self._real)
-        self._active = self.ints(active)
-        self._launches: list[tuple[Any, tuple[Any, ...]]] = []  # with the arrays, which must outlive them
-
-    def __call__(self, kernel: str, columns: int, *arguments: Any) -> None:
-        """Add a launch of `kernel` for (frames, columns)."""
-        launch = self._warp.launch(
-            getattr(self._kernels, kernel),
-            dim=(self._frames, columns),
-            inputs=[self._active, *arguments],
-            device=self._warp.device_from_torch(self._like.device),
-            record_cmd=True,
-        )
-        self._launches.append((launch, arguments))
-
-    def run(self) -> None:
-        """Launch them all, in order, on torch's stream."""
-        stream = None
-        if self._like.is_cuda:
-            stream = self._warp.stream_from_torch(torch.cuda.current_stream(self._like.device))
-        for launch, _ in self._launches:
-            launch.launch(stream=stream)
-
-    def ints(self, values: np.ndarray | torch.Tensor) -> Any:
-        tensor = torch.as_tensor(values).to(self._like.device, torch.int32).contiguous()
-        return self._warp.from_torch(tensor, dtype=self._warp.int32)
-
-    def reals(self, tensor: torch.Tensor) -> Any:
-        return self._warp.from_torch(tensor.to(self._like).contiguous(), dtype=self._real)
-
-    def vectors(self, tensor: torch.Tensor) -> Any:
-        """(..., 3) as an array of vectors; the same memory where device, dtype and layout allow."""
-        return self._warp.from_torch(tensor.to(self._like).contiguous(), dtype=self._vector)

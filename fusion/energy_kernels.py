@@ -5,7 +5,7 @@ threads: results repeat exactly, and a frame's do not depend on the frames besid
 """
 
 # mypy: ignore-errors
-# ruff: noqa: PLR0915, PLR0917
+# ruff: noqa: PLR0915, PLR0917, SIM102
 # Kernels are written in Warp's own language: its annotations are no Python types.
 
 from functools import cache
@@ -168,4 +168,65 @@ def kernels(bits: int) -> SimpleNamespace:
                 total += wp.cross(upstream, vertices[t, b] - vertices[t, a])
         found[t, i] = total
 
-    return SimpleNamespace(normals=normals, pixels=pixels, through_normals=through_normals, gradient=gradient)
+    @wp.kernel(module=module)
+    def free(
+        active: wp.array(dtype=wp.int32),
+        vertices: wp.array2d(dtype=vec3),
+        gradient: wp.array2d(dtype=vec3),
+        plane: wp.array2d(dtype=vec3),
+        offset: wp.array2d(dtype=real),
+        loose: wp.array(dtype=wp.int32),
+        touching: real,
+        vectors: wp.array2d(dtype=vec3),
+        found: wp.array2d(dtype=vec3),
+    ):
+        """Vectors without what fixed vertices and those pressed against their planes cannot do."""
+        t, i = wp.tid()
+        if active[t] == 0:
+            return
+        vector = vectors[t, i]
+        if plane:
+            normal = plane[t, i]
+            gap = wp.dot(normal, vertices[t, i]) - offset[t, i]
+            if gap <= touching and wp.dot(normal, gradient[t, i]) > real(0.0):
+                vector -= normal * wp.dot(normal, vector)
+        if loose:
+            if loose[i] == 0:
+                vector = vec3()
+        found[t, i] = vector
+
+    @wp.kernel(module=module)
+    def advance(
+        active: wp.array(dtype=wp.int32),
+        vertices: wp.array2d(dtype=vec3),
+        direction: wp.array2d(dtype=vec3),
+        length: wp.array(dtype=real),
+        plane: wp.array2d(dtype=vec3),
+        offset: wp.array2d(dtype=real),
+        loose: wp.array(dtype=wp.int32),
+        found: wp.array2d(dtype=vec3),
+    ):
+        """Vertices after a step, those that would be below their planes brought up to them."""
+        t, i = wp.tid()
+        if active[t] == 0:
+            return
+        here = vertices[t, i]
+        if loose:
+            if loose[i] == 0:
+                found[t, i] = here
+                return
+        here += direction[t, i] * length[t]
+        if plane:
+            below = offset[t, i] - wp.dot(plane[t, i], here)
+            if below > real(0.0):
+                here += plane[t, i] * below
+        found[t, i] = here
+
+    return SimpleNamespace(
+        normals=normals,
+        pixels=pixels,
+        through_normals=through_normals,
+        gradient=gradient,
+        free=free,
+        advance=advance,
+    )

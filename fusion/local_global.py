@@ -17,13 +17,13 @@ from fusion.topology import Topology
 
 # The system estimates the Hessian of every frame at once, so it can only be roughly right; found by trial on simulated
 # garments and on wrinkled tubes. Only the speed depends on these numbers.
-# Share of the edge term's Hessian (all of it in the first stage): edges resist in one direction of three.
-_EDGES = 0.3
+# Share of the edge term's Hessian if edges resisted in all directions alike: they do in one of three.
+_EDGES = 0.2
 # Distance between rendered and target normals around which |Bn - t| is replaced by a parabola.
 _RESIDUAL = 0.1
 # Stiffness against moving as a whole in the second stage, as a displacement weight in units of the edge term's: the
 # body and the normals hold the cloth in ways of which the system knows nothing.
-_HOLD = 0.05
+_HOLD = 0.1
 # Part of a matrix's mean diagonal that is added where nothing else holds a vertex.
 _FLOOR = 1e-6
 
@@ -54,7 +54,7 @@ class LocalGlobalSolver:
         self._topology, self._config, self._shown = topology, config, shown
         self._stencil = Stencil(topology)
         self._fixed = None if fixed is None else fixed.cpu().numpy()
-        self._loose = None if fixed is None else (~fixed).to(device, dtype)[:, None]
+        self._loose = None if fixed is None else (~fixed).to(device)
         self._place = device, dtype
         self._edge_weights, self._normal_weights = edge_weights(config), normal_weights(config)
         self._edge_factor = self._factor(self._edge_hessian(seen.cpu().numpy()))
@@ -71,7 +71,10 @@ class LocalGlobalSolver:
             self._normal_factor = self._factor(self._normal_hessian())
         if problem.obstacle is not None and config.weight_collision:
             contact = Contact(
-                problem.obstacle, config.collision_margin_m, config.sdf_every_iterations, self._loose
+                problem.obstacle,
+                problem.anchor,
+                margin_m=config.collision_margin_m,
+                every_steps=config.sdf_every_iterations,
             )
         return self._descend(
             problem, self._normal_weights, self._normal_factor, config.normal_iterations, contact
@@ -119,7 +122,7 @@ class LocalGlobalSolver:
         """Of the first stage."""
         weights = self._edge_weights
         held = 2 * weights["displacement_m2"] * seen / max(seen.sum(), 1)
-        return self._edge_part(weights["edge_length_m2"]) + scipy.sparse.diags(held)
+        return self._edge_part(_EDGES * weights["edge_length_m2"]) + scipy.sparse.diags(held)
 
     def _normal_hessian(self) -> scipy.sparse.csr_matrix:
         """Of the second stage: a vertex normal changes as the gradient of the displacement along it."""

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import torch
 
-from fusion.contact import Contact
+from fusion.contact import Contact, Motion
 from fusion.energy import Energy
 from fusion.factor import Factor
 
-_PAIRS = 8  # steps remembered
+_PAIRS = 2  # steps remembered; more lower the energy no further in as many steps, and cost
 _SUFFICIENT = 1e-4  # share of the decrease that the gradient promises which a step must reach (Armijo)
 _HALVINGS = 12  # of a step that does not; after the last the frame is finished
 _CURVATURE = 1e-4  # cosine between a step and its change of gradient below which it is not remembered
@@ -63,32 +63,30 @@ def descend(
         start: (T, N, 3) metres, dtype and device of the energy.
         steps: at most.
         tolerance: relative decrease of the energy in one step below which a frame is finished.
-        loose: (N, 1) 1 for vertices that may move, 0 for those that are held; None for all.
+        loose: (N,) bool, vertices that may move; None for all.
         contact: the obstacle.
     """
-    return _Run(energy, factor, start, loose, contact).run(steps, tolerance)
+    return _Run(energy, factor, loose, contact).run(start, steps, tolerance)
 
 
 class _Run:
     """State of one `descend`; G = T independent problems, or one if the frames are coupled."""
 
     def __init__(
-        self,
-        energy: Energy,
-        factor: Factor,
-        start: torch.Tensor,
-        loose: torch.Tensor | None,
-        contact: Contact | None,
+        self, energy: Energy, factor: Factor, loose: torch.Tensor | None, contact: Contact | None
     ) -> None:
-        self._energy, self._factor, self._loose, self._contact = energy, factor, loose, contact
-        self._groups = 1 if energy.coupled else len(start)
-        self._x = start.clone(memory_format=torch.contiguous_format)
-        self._memory = _Memory(self._flat(self._x))
-        self._going = torch.ones(self._groups, dtype=torch.bool, device=start.device)
+        self._energy, self._factor, self._contact = energy, factor, contact
+        self._at = Motion(energy, loose, contact)
+        self._frames = len(energy.vertices)
+        self._groups = 1 if energy.coupled else self._frames
+        self._memory = _Memory(self._flat(energy.vertices))
+        self._going = torch.ones(self._groups, dtype=torch.bool, device=energy.vertices.device)
+        self._value = torch.zeros(self._groups, dtype=torch.float64, device=energy.vertices.device)
 
-    def run(self, steps: int, tolerance: float) -> Descent:
-        iterations = torch.zeros(self._groups, dtype=torch.int64, device=self._x.device)
-        contact = self._contact
+    def run(self, start: torch.Tensor, steps: int, tolerance: float) -> Descent:
+        iterations = torch.zeros_like(self._going, dtype=torch.int64)
+        contact, at = self._contact, self._at
+        at.vertices.copy_(start)
         history = [self._place()]
         depths = [contact.depth] if contact else []
         for step in range(steps):
@@ -103,11 +101,11 @@ class _Run:
             if not bool(self._going.any()):
                 break
         if contact is not None:
-            contact.look(self._x)
+            contact.look(at.vertices)
             depths[-1] = contact.depth
         return Descent(
-            self._x,
-            iterations.expand(len(self._x)).clone(),
+            at.vertices,
+            iterations.expand(self._frames).clone(),
             torch.stack(history),
             torch.stack(depths) if depths else None,
         )
@@ -115,76 +113,58 @@ class _Run:
     def _place(self) -> torch.Tensor:
         """Look where the obstacle is, leave it, and evaluate there."""
         if self._contact is not None:
-            self._contact.look(self._x)
-            self._x = self._contact.pushed_out(self._x)
-        self._energy.vertices.copy_(self._x)
+            self._contact.look(self._at.vertices)
+        self._at.length.zero_()
         self._energy.active.fill_(1)
+        self._at.advance()
         terms = self._energy.evaluate()
         self._value = self._weighted(terms)
-        self._gradient = self._energy.gradient.clone()
+        self._at.vertices.copy_(self._energy.vertices)
+        self._at.gradient.copy_(self._energy.gradient)
         return terms
 
     def _step(self) -> torch.Tensor:
-        """One step of all frames that are still going; the terms after it."""
-        free = self._free()
-        gradient = free(self._gradient)
-        flat = self._memory.direction(
-            self._flat(gradient),
-            lambda rest: self._flat(free(self._factor.solve(free(rest.view_as(gradient))))),
+        """One step of all problems that are still going; the terms after it."""
+        at, energy = self._at, self._energy
+        energy.active.copy_(self._going.expand(self._frames))
+        at.direction.copy_(at.gradient)
+        gradient = self._flat(at.project()).clone()
+        shape = at.direction.shape
+        direction = self._memory.direction(
+            gradient, lambda rest: self._factor.solve(rest.view(shape)).flatten(1)
         )
+        at.direction.copy_(direction.view(shape))
         # Projected last, so that it descends whatever walls the remembered steps were taken at.
-        flat = torch.where(self._going[:, None], self._flat(free(flat.view_as(gradient))), 0)
-        slope = _dot(flat, self._flat(gradient))[:, 0].double()
-        terms, taken = self._searched(flat.view_as(gradient), slope)
+        slope = _dot(self._flat(at.project()), gradient)[:, 0].double()
+        terms, taken = self._searched(slope)
         self._going = self._going & taken
-        step = free(self._energy.vertices - self._x)
-        change = free(self._energy.gradient - self._gradient)
+        step, change = energy.vertices - at.vertices, energy.gradient - at.gradient
         self._memory.add(self._flat(step), self._flat(change))
-        self._x, self._gradient = self._energy.vertices.clone(), self._energy.gradient.clone()
+        at.vertices.copy_(energy.vertices)
+        at.gradient.copy_(energy.gradient)
         self._value = self._weighted(terms)
         return terms
 
-    def _searched(self, direction: torch.Tensor, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def _searched(self, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Halve each problem's step until the energy falls enough: terms there, and whether it did (G,)."""
-        length = torch.ones_like(slope)
-        trying = self._going
+        length, trying = torch.ones_like(slope), self._going
         for halving in range(_HALVINGS + 1):
             if halving == _HALVINGS:  # nowhere to go within rounding: stay
                 length = torch.where(trying, 0, length)
-            self._try(direction, length, trying)
+            self._at.length.copy_(length.expand(self._frames))
+            self._energy.active.copy_(trying.expand(self._frames))
+            self._at.advance()
             terms = self._energy.evaluate()
             failed = trying & ~(self._weighted(terms) <= self._value + _SUFFICIENT * length * slope)
-            if not bool(failed.any()) or halving == _HALVINGS:
+            if not bool(failed.any()):
                 break
             trying = failed
             length = torch.where(failed, 0.5 * length, length)
         return terms, length > 0
 
-    def _try(self, direction: torch.Tensor, length: torch.Tensor, trying: torch.Tensor) -> None:
-        """Put the vertices of the problems that are trying where their steps lead."""
-        frames = len(self._x)
-        factor = length.to(direction).expand(frames)[:, None, None]
-        trial = torch.addcmul(self._x, factor, direction)
-        if self._contact is not None:
-            trial = self._contact.pushed_out(trial)
-        chosen = trying.expand(frames)
-        self._energy.active.copy_(chosen)
-        torch.where(chosen[:, None, None], trial, self._energy.vertices, out=self._energy.vertices)
-
-    def _free(self) -> Callable[[torch.Tensor], torch.Tensor]:
-        """The projection onto the directions in which vertices may move now."""
-        wall = None if self._contact is None else self._contact.wall(self._x, self._gradient)
-        loose = self._loose
-
-        def free(vectors: torch.Tensor) -> torch.Tensor:
-            if wall is not None:
-                vectors = vectors - wall * (wall * vectors).sum(-1, keepdim=True)
-            return vectors if loose is None else vectors * loose
-
-        return free
-
     def _flat(self, vectors: torch.Tensor) -> torch.Tensor:
-        return vectors.reshape(self._groups, -1)
+        """(T, N, 3) to (G, D)."""
+        return vectors.view(self._groups, -1)
 
     def _weighted(self, terms: torch.Tensor) -> torch.Tensor:
         """(T, 5) to the energies of the problems (G,)."""
@@ -243,4 +223,4 @@ class _Memory:
 
 def _dot(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
     """(G, D) and (G, D) to (G, 1)."""
-    return (first * second).sum(-1, keepdim=True)
+    return (first[:, None] @ second[..., None])[..., 0]
