@@ -12,7 +12,7 @@ import pytest
 from import_examples import standing_body, vest, write_mdd, write_obj, write_pc2
 
 from imgtransfer.cli.main import main
-from imgtransfer.data.clip import Clip, load_clip
+from imgtransfer.data.clip import Clip, load_clip, save_clip
 from imgtransfer.data.mesh_output import save_mesh_frames
 from imgtransfer.data.store import DataSet
 from imgtransfer.importers.axes import Axes
@@ -309,6 +309,45 @@ def test_exported_frames_are_the_files_own_mesh(tmp_path: Path, welded: Path, ki
         assert "Kd 0.1 0.1 0.8" in mesh.surface.mtl
     again = imported(tmp_path / "again", tmp_path / "frames", "--weld")  # what export wrote can be imported
     assert_same_look(again.surface, SPLIT.surface)
+
+
+def test_fused_meshes_have_the_files_look(tmp_path: Path, welded: Path) -> None:
+    """From the data set through maps and the fusion to mesh files: vertices, texture coordinates and materials."""
+    (tmp_path / "fusion.yaml").write_text("edge_iterations: 2\nnormal_iterations: 2\n")
+    maps = ["render", str(welded), "--size", "48", "--frames", "0:2", "--out", f"{tmp_path}/maps"]
+    assert main(maps) == 0
+    assert main(["export", str(welded), "--out", f"{tmp_path}/clip.npz"]) == 0
+    save_clip(tmp_path / "clip.npz", load_clip(tmp_path / "clip.npz").slice(slice(0, 2)))
+    (file,) = (tmp_path / "maps").rglob("garment.npz")
+    argv = [
+        "fuse",
+        "--maps",
+        file,
+        "--body",
+        tmp_path / "clip.npz",
+        "--out",
+        tmp_path / "out",
+        "--meshes",
+        "obj",
+    ]
+    assert main([str(arg) for arg in [*argv, "--config", tmp_path / "fusion.yaml"]]) == 0
+    mesh = load_mesh(tmp_path / "out/meshes/frame_0001.obj")
+    assert_same_look(mesh.surface, SPLIT.surface)
+    assert np.linalg.norm(mesh.vertices - moving(SPLIT.vertices)[1], axis=-1).mean() < 0.01
+    assert_same_look(load_clip(tmp_path / "out/fused.npz").surface, SPLIT.surface)
+
+
+def test_clips_that_are_there_are_left(
+    tmp_path: Path, welded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", str(welded), "--out", f"{tmp_path}/shirt_walk.npz"]) == 0
+    argv = ["import", f"{tmp_path}/shirt_walk.npz", "--to", f"{tmp_path}/other", "--split", "train"]
+    for already in ("done     1 clips in", "done     1 clips (1 there already) in"):
+        capsys.readouterr()
+        assert main(argv) == 0
+        assert already in capsys.readouterr().out
+    assert main([*argv[:-1], "test"]) == 0  # in another split it is written again
+    assert DataSet.open(tmp_path / "other").names("test") == ["shirt/walk"]
 
 
 def glb(path: Path) -> tuple[dict, bytes]:
