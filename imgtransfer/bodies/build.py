@@ -67,7 +67,7 @@ def build(folder: Path) -> None:
 
 def _save(path: Path, **arrays: np.ndarray) -> None:
     with written_whole(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, licence=np.array(_LICENCE), **arrays)
+        np.savez_compressed(file, allow_pickle=False, licence=np.array(_LICENCE), **arrays)
 
 
 def _skin_weights(model: Any) -> np.ndarray:

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from imgtransfer.bodies.rotations import between
 from imgtransfer.bodies.smpl import PARENTS
+
+_NEIGHBOURS = 4  # of the skin's vertices, that a point near the skin takes its weights from
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +118,14 @@ class SkinnedBody(ABC):
 
     def vertices(self, transforms: np.ndarray) -> np.ndarray:
         """(T, K, 3, 4) -> (T, B, 3) float32 by linear blend skinning."""
-        return self._skinned(transforms, self.rest)
+        return skinned(transforms, self.blend_weights, self.rest)
 
-    def _skinned(self, transforms: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        """Skin the shape `rest`, (B, 3) or one a frame (T, B, 3)."""
-        blended = np.tensordot(transforms, self.blend_weights, axes=(1, 1))  # (T, 3, 4, B)
-        moved = np.einsum("tijb,bj->tbi" if rest.ndim == 2 else "tijb,tbj->tbi", blended[:, :, :3], rest)
-        return (moved + np.swapaxes(blended[:, :, 3], 1, 2)).astype(np.float32)
+    def weights_near(self, points: np.ndarray) -> np.ndarray:
+        """(P, K) float32 blend weights for points (P, 3) near the rest mesh, such as cloth fixed to the skin."""
+        distance, nearest = cKDTree(self.rest).query(points, k=_NEIGHBOURS)
+        share = 1 / np.maximum(distance, 1e-6) ** 2
+        share /= share.sum(axis=1, keepdims=True)
+        return np.einsum("pn,pnk->pk", share, self.blend_weights[nearest]).astype(np.float32)
 
     def interpolate(self, start: BonePoses, end: BonePoses, share: float) -> BonePoses:
         """Between two stacks of frames, by spherical interpolation of each bone's rotation against its parent."""
@@ -138,3 +142,17 @@ class SkinnedBody(ABC):
             if parent >= 0:
                 local[:, bone] = np.swapaxes(rotations[:, parent], 1, 2) @ rotations[:, bone]
         return local
+
+
+def skinned(transforms: np.ndarray, weights: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Linear blend skinning.
+
+    Args:
+        transforms: (T, K, 3, 4), rest to posed. weights: (P, K). rest: (P, 3), or (T, P, 3) for one shape a frame.
+
+    Returns:
+        (T, P, 3) float32.
+    """
+    blended = np.tensordot(transforms, weights, axes=(1, 1))  # (T, 3, 4, P)
+    moved = np.einsum("tijb,bj->tbi" if rest.ndim == 2 else "tijb,tbj->tbi", blended[:, :, :3], rest)
+    return (moved + np.swapaxes(blended[:, :, 3], 1, 2)).astype(np.float32)

@@ -35,13 +35,42 @@ def cut_at_zero(mesh: Mesh, values: np.ndarray) -> Mesh:
     return without_unused(Mesh(vertices, mesh.faces[keep], mesh.source))
 
 
-def largest_component(mesh: Mesh) -> Mesh:
-    """The connected part with the most vertices."""
+def components(mesh: Mesh) -> int:
+    """How many connected parts the faces make."""
+    return len(np.unique(_labels(mesh)[mesh.faces[:, 0]]))
+
+
+def _labels(mesh: Mesh) -> np.ndarray:
+    """(N,) number of each vertex's connected part."""
     n = len(mesh.vertices)
     graph = sparse.coo_matrix((np.ones(len(mesh.edges)), mesh.edges.T), shape=(n, n))
-    labels = connected_components(graph, directed=False)[1]
+    return connected_components(graph, directed=False)[1]
+
+
+def largest_component(mesh: Mesh) -> Mesh:
+    """The connected part with the most vertices."""
+    labels = _labels(mesh)
     biggest = np.bincount(labels).argmax()
     return without_unused(Mesh(mesh.vertices, mesh.faces[labels[mesh.faces[:, 0]] == biggest], mesh.source))
+
+
+def without_pinches(mesh: Mesh) -> Mesh:
+    """The mesh without the smaller part of the faces around corners in which two borders touch."""
+    while True:
+        starts = border_edges(mesh.faces)[:, 0]
+        pinched = np.flatnonzero(np.bincount(starts, minlength=len(mesh.vertices)) > 1)
+        if not len(pinched):
+            return mesh
+        drop = np.concatenate([_smaller_fans(mesh.faces, vertex) for vertex in pinched])
+        mesh = without_unused(Mesh(mesh.vertices, np.delete(mesh.faces, drop, axis=0), mesh.source))
+
+
+def _smaller_fans(faces: np.ndarray, vertex: int) -> np.ndarray:
+    """Indices of the faces around a vertex that do not belong to the largest group joined by edges."""
+    around = np.flatnonzero((faces == vertex).any(axis=1))
+    joined = (faces[around][:, None, :, None] == faces[around][None, :, None, :]).sum(axis=(2, 3)) >= 2
+    labels = connected_components(sparse.csr_matrix(joined), directed=False)[1]
+    return around[labels != np.bincount(labels).argmax()]
 
 
 def without_unused(mesh: Mesh) -> Mesh:

@@ -30,6 +30,7 @@ class ClothOnBody:
         body_vertices: (B, 3) where the body stands at first, metres. body_faces: (G, 3).
         material: see `ClothConfig`.
         iterations: of vertex block descent, a step.
+        held: (H,) vertices that go where `step` and `place` say, whatever pulls at them.
     """
 
     def __init__(
@@ -39,6 +40,8 @@ class ClothOnBody:
         body_faces: np.ndarray,
         material: ClothConfig,
         iterations: int,
+        *,
+        held: np.ndarray | None = None,
     ) -> None:
         warp, newton = _libraries()
         builder = newton.ModelBuilder(up_axis=newton.Axis.Y, gravity=GRAVITY)
@@ -65,6 +68,9 @@ class ClothOnBody:
             ke=material.contact_stiffness, kd=_CONTACT_DAMPING, mu=material.friction, margin=0.0
         )
         builder.add_shape_mesh(-1, mesh=collider, cfg=surface)
+        self._held = np.zeros(0, np.int64) if held is None else held
+        for vertex in self._held:
+            builder.particle_mass[vertex] = 0.0
         builder.color()
         model = builder.finalize(device="cpu")
         model.soft_contact_ke = material.contact_stiffness
@@ -96,8 +102,12 @@ class ClothOnBody:
         self._now.particle_qd.assign(velocities.astype(np.float32))
         self._body = body_vertices.astype(np.float32)
 
-    def step(self, body_vertices: np.ndarray, seconds: float) -> None:
-        """Move the body to (B, 3) in `seconds` and let the cloth follow."""
+    def step(self, body_vertices: np.ndarray, seconds: float, held: np.ndarray | None = None) -> None:
+        """Move the body to (B, 3) and the held vertices to (H, 3) in `seconds` and let the cloth follow."""
+        if held is not None and len(held):
+            cloth = self._now.particle_q.numpy()
+            cloth[self._held] = held
+            self._now.particle_q.assign(cloth)
         body = body_vertices.astype(np.float32)
         self._collider.points.assign(body)
         self._collider.velocities.assign((body - self._body) / seconds)

@@ -9,7 +9,8 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from imgtransfer.garments.tshirt import TShirtConfig
+from imgtransfer.bodies.config import AnnyConfig, BodyConfig
+from imgtransfer.garments.config import GarmentConfig, TShirtConfig
 from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
@@ -98,7 +99,8 @@ class SimulateConfig(_Section):
     licence: str = "CC0-1.0"
     source: str = ""
     fps: float = Field(30.0, gt=0)
-    garment: TShirtConfig = TShirtConfig()
+    body: BodyConfig = AnnyConfig()
+    garment: GarmentConfig = TShirtConfig()
     cloth: ClothConfig = ClothConfig()
     solver: SolverConfig = SolverConfig()
     gates: GateConfig = GateConfig()

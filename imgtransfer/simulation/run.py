@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 
 import numpy as np
 
 from fusion import BodySdf
-from imgtransfer.bodies.anny import AnnyBody, load_body
-from imgtransfer.bodies.skinned import BonePoses
+from imgtransfer.bodies.config import BodyConfig, make_body
+from imgtransfer.bodies.skinned import BonePoses, SkinnedBody, skinned
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.grid import round_to_grid
-from imgtransfer.garments.tshirt import TShirtConfig, make_tshirt
+from imgtransfer.garments.config import GarmentConfig, TemplateConfig
+from imgtransfer.garments.garment import Garment, make_garment
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.cloth import ClothOnBody
 from imgtransfer.simulation.config import ClothConfig, SimulateConfig, SolverConfig
@@ -29,7 +31,7 @@ class Rejected(InputError):
 
 
 def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality]:
-    """Simulate the garment on the Anny body that follows `motion`.
+    """Simulate the garment on the body that follows `motion`.
 
     The clip's template is the garment as it hangs on the resting body, so that what a method must predict is the
     motion's doing and not the fall from the pattern. The cloth's own rest shape is the pattern.
@@ -40,13 +42,14 @@ def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality
     Raises:
         Rejected: the second attempt failed, too.
     """
-    body, pattern = load_body(), _pattern(config.garment)
-    template = round_to_grid(_settled(config.garment, config.cloth, config.solver, config.fps))
+    worn = _worn(config.body, config.garment)
+    body, pattern = worn.body, worn.garment.mesh
+    template = round_to_grid(_settled(config.body, config.garment, config.cloth, config.solver, config.fps))
     bones = _placed(body, motion)
     solver = config.solver
     for attempt in (solver, solver.model_copy(update={"substeps": 2 * solver.substeps})):
         vertices = np.stack(
-            list(_follow(body, pattern, template, bones, fps=motion.fps, config=config, solver=attempt))
+            list(_follow(worn, template, bones, fps=motion.fps, config=config, solver=attempt))
         )
         transforms = body.transforms(bones)
         moved = round_to_grid(body.vertices(transforms))
@@ -78,25 +81,53 @@ def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality
             f"{attempt.iterations} iterations",
             "quality": quality.as_text(),
         },
-        name=f"tshirt/{motion.name}",
+        name=clip_name(config, motion),
     )
     return clip, quality
 
 
+def clip_name(config: SimulateConfig, motion: Motion) -> str:
+    """What a clip is called in its data set: garment/motion, and the body where it is not the default one."""
+    garment = config.garment
+    kind = garment.title if isinstance(garment, TemplateConfig) else garment.kind
+    return f"{kind}/{'_'.join(part for part in (motion.name, config.body.title) if part)}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Worn:
+    """A garment on its body, and the blend weights (H, K) with which its held vertices move."""
+
+    body: SkinnedBody
+    garment: Garment
+    weights: np.ndarray
+
+    def cloth(self, config: ClothConfig, solver: SolverConfig) -> ClothOnBody:
+        """The garment where it is put on, ready to be stepped."""
+        body, mesh = self.body, self.garment.mesh
+        return ClothOnBody(mesh, body.rest, body.faces, config, solver.iterations, held=self.garment.held)
+
+    def stands(self, bones: BonePoses) -> tuple[np.ndarray, np.ndarray]:
+        """(B, 3) skin and (H, 3) held vertices in the first frame of `bones`."""
+        transforms = self.body.transforms(bones)[:1]
+        held = self.garment.mesh.vertices[self.garment.held]
+        return self.body.vertices(transforms)[0], skinned(transforms, self.weights, held)[0]
+
+
 @lru_cache(maxsize=4)
-def _pattern(garment: TShirtConfig) -> Mesh:
-    return make_tshirt(load_body(), garment)
+def _worn(wearer: BodyConfig, kind: GarmentConfig) -> _Worn:
+    body = make_body(wearer)
+    garment = make_garment(body, kind)
+    return _Worn(body, garment, body.weights_near(garment.mesh.vertices[garment.held]))
 
 
-def _placed(body: AnnyBody, motion: Motion) -> BonePoses:
+def _placed(body: SkinnedBody, motion: Motion) -> BonePoses:
     """The motion's bone poses, moved so that the root starts where it rests: nothing here needs a floor."""
     bones = body.bone_poses(motion.poses, motion.trans, leg_length=motion.leg_length)
     return BonePoses(bones.rotations, bones.root - bones.root[0] + body.joints_rest[0])
 
 
 def _follow(
-    body: AnnyBody,
-    pattern: Mesh,
+    worn: _Worn,
     settled: np.ndarray,
     bones: BonePoses,
     *,
@@ -105,7 +136,8 @@ def _follow(
     solver: SolverConfig,
 ) -> Iterator[np.ndarray]:
     """Yield the cloth (N, 3) at every frame of the motion, the first after settling and warming up."""
-    cloth = ClothOnBody(pattern, body.rest, body.faces, config.cloth, solver.iterations)
+    body = worn.body
+    cloth = worn.cloth(config.cloth, solver)
     cloth.place(settled, np.zeros_like(settled), body.rest)
     rest, first = body.rest_pose(), _frame(bones, 0)
     frames = max(1, round(solver.warm_up_seconds * fps))
@@ -113,21 +145,23 @@ def _follow(
     for number in range(1, frames + 1):
         share = number / frames
         after = body.interpolate(rest, first, share * share * (3 - 2 * share))
-        _advance(cloth, body, before, after, substeps=solver.substeps, fps=fps)
+        _advance(cloth, worn, before, after, substeps=solver.substeps, fps=fps)
         before = after
     yield cloth.vertices
     for number in range(1, len(bones.root)):
-        _advance(
-            cloth, body, _frame(bones, number - 1), _frame(bones, number), substeps=solver.substeps, fps=fps
-        )
+        before, after = _frame(bones, number - 1), _frame(bones, number)
+        _advance(cloth, worn, before, after, substeps=solver.substeps, fps=fps)
         yield cloth.vertices
 
 
 @lru_cache(maxsize=4)
-def _settled(garment: TShirtConfig, material: ClothConfig, solver: SolverConfig, fps: float) -> np.ndarray:
+def _settled(
+    wearer: BodyConfig, kind: GarmentConfig, material: ClothConfig, solver: SolverConfig, fps: float
+) -> np.ndarray:
     """(N, 3) the cloth at rest on the resting body, outside it; for every clip, hence computed once a process."""
-    body, pattern = load_body(), _pattern(garment)
-    cloth = ClothOnBody(pattern, body.rest, body.faces, material, solver.iterations)
+    worn = _worn(wearer, kind)
+    body = worn.body
+    cloth = worn.cloth(material, solver)
     for _ in range(round(solver.settle_seconds * fps)):
         for _ in range(solver.substeps):
             cloth.step(body.rest, 1 / (fps * solver.substeps))
@@ -138,12 +172,12 @@ def _settled(garment: TShirtConfig, material: ClothConfig, solver: SolverConfig,
 
 
 def _advance(
-    cloth: ClothOnBody, body: AnnyBody, start: BonePoses, end: BonePoses, *, substeps: int, fps: float
+    cloth: ClothOnBody, worn: _Worn, start: BonePoses, end: BonePoses, *, substeps: int, fps: float
 ) -> None:
     """One frame: the bones turn evenly from `start` to `end`, and the body's skin with them."""
     for number in range(1, substeps + 1):
-        between = body.interpolate(start, end, number / substeps)
-        cloth.step(body.vertices(body.transforms(between))[0], 1 / (fps * substeps))
+        skin, held = worn.stands(worn.body.interpolate(start, end, number / substeps))
+        cloth.step(skin, 1 / (fps * substeps), held)
 
 
 def _frame(bones: BonePoses, number: int) -> BonePoses:
@@ -151,7 +185,7 @@ def _frame(bones: BonePoses, number: int) -> BonePoses:
 
 
 def _checked(
-    body: AnnyBody, pattern: Mesh, vertices: np.ndarray, moved: np.ndarray, fps: float
+    body: SkinnedBody, pattern: Mesh, vertices: np.ndarray, moved: np.ndarray, fps: float
 ) -> tuple[np.ndarray, Quality]:
     """The vertices (T, N, 3) outside the body (T, B, 3) and on the grid, and how good they are."""
     if not np.isfinite(vertices).all():

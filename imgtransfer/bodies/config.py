@@ -1,0 +1,78 @@
+"""Which body a simulation is run on."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from imgtransfer.bodies.anny import load_body
+from imgtransfer.bodies.shape import AnnyShape, random_shape
+from imgtransfer.bodies.skinned import SkinnedBody
+from imgtransfer.bodies.smpl_model import load_smpl
+
+
+class AnnyConfig(BaseModel):
+    """The body that ships with the project: its default shape, one by parameters, or one by seed."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["anny"] = "anny"
+    shape: AnnyShape | None = None
+    seed: int | None = Field(None, ge=0)  # of a random adult
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> AnnyConfig:
+        if self.shape is not None and self.seed is not None:
+            raise ValueError("either a shape or a seed is wanted, found both")
+        return self
+
+    @property
+    def title(self) -> str:
+        """A short name for clips and messages; empty for the default shape."""
+        if self.seed is not None:
+            return f"anny{self.seed}"
+        changed = {} if self.shape is None else self.shape.model_dump(exclude_defaults=True)
+        return "-".join(f"{name}{round(100 * value)}" for name, value in changed.items())
+
+
+class SmplConfig(BaseModel):
+    """A SMPL body from the user's own model files."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["smpl"] = "smpl"
+    path: Path  # a model file (.npz or .pkl), or the folder of such
+    gender: Literal["female", "male", "neutral"] = "neutral"  # which file of a folder
+    betas: tuple[float, ...] = ()  # shape coefficients; those that are not given are 0
+
+    @property
+    def title(self) -> str:
+        """A short name for clips and messages."""
+        return "-".join([self.path.stem, *(f"{beta:g}" for beta in self.betas)])
+
+
+def _kind(value: Any) -> str:
+    """The discriminator of `BodyConfig`; a body without a kind is Anny."""
+    return str(value.get("kind", "anny") if isinstance(value, dict) else getattr(value, "kind", value))
+
+
+BodyConfig = Annotated[
+    Annotated[AnnyConfig, Tag("anny")] | Annotated[SmplConfig, Tag("smpl")], Discriminator(_kind)
+]
+
+
+@lru_cache(maxsize=8)
+def make_body(config: BodyConfig | None = None) -> SkinnedBody:
+    """The body that `config` describes; None is Anny's default shape.
+
+    Raises:
+        InputError: a model file that is missing or not usable.
+    """
+    if isinstance(config, SmplConfig):
+        return load_smpl(config.path, betas=config.betas, gender=config.gender)
+    if config is None:
+        return load_body()
+    return load_body(config.shape if config.seed is None else random_shape(config.seed))

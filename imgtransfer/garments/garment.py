@@ -1,0 +1,143 @@
+"""A garment for a body: made from its rest mesh, or the user's own mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from fusion import BodySdf
+from imgtransfer.bodies.skinned import SkinnedBody
+from imgtransfer.garments.checks import mesh_quality
+from imgtransfer.garments.config import (
+    DressConfig,
+    GarmentConfig,
+    MadeConfig,
+    TemplateConfig,
+    TShirtConfig,
+)
+from imgtransfer.garments.cutting import border_loops
+from imgtransfer.garments.figure import Figure
+from imgtransfer.garments.lower import lower_garment
+from imgtransfer.garments.upper import upper_garment
+from render import InputError
+from render.mesh import Mesh
+from render.meshio import load_mesh
+
+OPENINGS = {
+    "tshirt": ("neck", "left sleeve", "right sleeve", "hem"),
+    "dress": ("neck", "left sleeve", "right sleeve", "hem"),
+    "trousers": ("waist", "left hem", "right hem"),
+    "skirt": ("waist", "hem"),
+}
+CLEARANCE = 0.002  # metres that every vertex must at least start from the body
+_NONE = np.zeros(0, np.int64)
+_SUNK_SHARE = 0.01  # of a template's vertices that may start inside the body; simulation pushes them out
+
+
+@dataclass(frozen=True, eq=False)
+class Garment:
+    """A garment as it is put on the resting body.
+
+    Args:
+        name: what data sets call it.
+        mesh: where it starts, in the body's rest frame, metres, outside the body.
+        openings: the vertices around each opening, by name.
+        held: (H,) int64, vertices of a waistband, which stay where they are on the skin; without them trousers and
+            skirts would slide down, as cloth without a belt does.
+    """
+
+    name: str
+    mesh: Mesh
+    openings: dict[str, np.ndarray]
+    held: np.ndarray
+
+
+def make_garment(body: SkinnedBody, config: GarmentConfig | None = None) -> Garment:
+    """The garment that `config` describes, on the body at rest; the same every time.
+
+    Args:
+        body: in an A- or T-pose, its arms off the trunk.
+        config: None is a T-shirt.
+
+    Raises:
+        InputError: sizes that leave no clean surface with the openings that belong to the garment, or a template
+            that cannot be read or starts inside the body.
+    """
+    config = config or TShirtConfig()
+    if isinstance(config, TemplateConfig):
+        return load_template(body, config)
+    figure = Figure.of(body)
+    if isinstance(config, TShirtConfig | DressConfig):
+        mesh = upper_garment(figure, config)
+    else:
+        mesh = lower_garment(figure, config)
+    _check(mesh, figure, config)
+    openings = _named(mesh, OPENINGS[config.kind])
+    return Garment(config.kind, mesh, openings, np.sort(openings.get("waist", _NONE)))
+
+
+def load_template(body: SkinnedBody, config: TemplateConfig) -> Garment:
+    """The user's mesh, unchanged.
+
+    Raises:
+        InputError: no such file, no usable mesh, or more than 1 % of its vertices start inside the body.
+    """
+    mesh = load_mesh(config.path)
+    distance = _distance(mesh.vertices, body.rest, body.faces)
+    inside = int((distance < 0).sum())
+    if inside > _SUNK_SHARE * len(distance):
+        raise InputError(
+            f"{config.path}: {inside} of {len(distance)} vertices start inside the body (the deepest "
+            f"{-1000 * distance.min():.0f} mm); a garment worn by the body in its rest pose is wanted, in metres"
+        )
+    loops = {f"opening {number}": loop for number, loop in enumerate(border_loops(mesh.faces), 1)}
+    held = _NONE
+    if config.held:
+        if not loops:
+            raise InputError(
+                f"{config.path}: the mesh has no opening that could be a waistband; leave out `held`"
+            )
+        held = np.sort(max(loops.values(), key=lambda loop: mesh.vertices[loop, 1].mean()))
+    return Garment(config.title, mesh, loops, held)
+
+
+def _check(mesh: Mesh, figure: Figure, config: MadeConfig) -> None:
+    """Raise InputError unless the surface is what a garment of its kind must be."""
+    wanted = OPENINGS[config.kind]
+    quality = mesh_quality(mesh)
+    found = None
+    if quality.non_manifold or quality.handles or quality.openings != len(wanted):
+        found = f"a surface with {quality.openings} openings and {quality.handles} handles"
+    elif quality.intersecting or quality.duplicates:
+        found = (
+            f"{max(quality.intersecting, quality.duplicates)} faces that pass through others or touch them"
+        )
+    elif (clearance := _distance(mesh.vertices, figure.vertices, figure.faces).min()) < CLEARANCE:
+        found = f"cloth that starts {1000 * clearance:.1f} mm from the body ({1000 * CLEARANCE:.0f} mm are needed)"
+    if found:
+        sizes = config.model_dump(exclude={"kind"}, exclude_defaults=True) or "by default"
+        raise InputError(
+            f"{config.kind}: the sizes {sizes} give {found}, where one piece with {', '.join(wanted)} is wanted on "
+            "this body; use a smaller edge_length, less ease or flare, or lengths nearer to the defaults"
+        )
+
+
+def _distance(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    sdf = BodySdf(faces, len(vertices))
+    sdf.update(vertices.astype(np.float32))
+    return sdf.distance(torch.from_numpy(points.astype(np.float32))).numpy()
+
+
+def _named(mesh: Mesh, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """The border loops by name: the first at the top, a left one farthest along +x, and so on."""
+    loops = border_loops(mesh.faces)
+    centres = {number: mesh.vertices[loop].mean(axis=0) for number, loop in enumerate(loops)}
+    found = {}
+    for name in names:
+        axis, sign = {"left": (0, 1), "righ": (0, -1), "hem": (1, -1)}.get(name[:4], (1, 1))
+        number = max(centres, key=lambda n: sign * centres[n][axis])
+        del centres[number]
+        found[name] = loops[number]
+    return found
