@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.options import add_clip_choice, add_views, chosen_clips
+from imgtransfer.cli.options import add_clip_choice, add_runner, add_views, chosen_executor, chosen_refs
 from render import InputError
 
 if TYPE_CHECKING:
     from imgtransfer.data.clip import Clip
+    from imgtransfer.data.source import ClipRef
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -25,13 +27,25 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "source", type=Path, help="data set, clip npz, folder of them, map npz, checkpoint or run"
     )
     add_clip_choice(parser)
+    parser.add_argument(
+        "--html",
+        type=Path,
+        metavar="PAGE",
+        help="also write a page with pictures of every clip, strain and speed, and what looks wrong",
+    )
+    add_runner(parser)
     add_views(parser, default=None, note="default: front,back and four, two layers deep")
     return parser
 
 
 def run(args: argparse.Namespace) -> None:
     """Find out what the source is, and print its summary."""
+    from imgtransfer.data.place import as_url  # noqa: PLC0415
+
     source: Path = args.source
+    if as_url(source) is not None:
+        _clips(args)
+        return
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
     checkpoints = sorted(source.glob("*.safetensors")) if source.is_dir() else [source]
@@ -45,42 +59,89 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _clips(args: argparse.Namespace) -> None:
-    from tabulate import tabulate  # noqa: PLC0415
+    from tqdm import tqdm  # noqa: PLC0415
 
+    facts, rejected = _facts(args.source)
+    for key, value in facts.items():
+        print(f"{key}: {value}")
+    if rejected:
+        print(f"rejected: {len(rejected)} clips: {', '.join(rejected)}")
+    refs = chosen_refs(args, args.source)
+    rows, frames, stills = [], 0, []
+    with tqdm(refs, unit="clip", leave=False, delay=2, disable=None) as bar:
+        for ref in bar:
+            try:
+                clip = ref.load()  # one at a time: all of a large data set would not fit
+            except InputError:
+                if args.html is None:
+                    raise
+                rows.append([ref.name, ref.split or "-", *["-"] * 6, "unreadable"])  # the page says why
+                continue
+            rows.append(_row(clip, ref.split or "-"))
+            frames += clip.n_frames
+            stills.append(clip.slice(slice(0, 1)))
+    _print_table(rows)
+    print(f"{len(refs)} clips, {frames} frames")
+    _coverage(stills, args)
+    if args.html is not None:
+        _page(args, facts, refs)
+
+
+def _facts(source: Path) -> tuple[dict[str, str], list[str]]:
+    """What a data set says of itself, and the clips that it lists as rejected; nothing for clip npz files."""
+    from imgtransfer.data.place import METADATA, place_at  # noqa: PLC0415
     from imgtransfer.data.store import DataSet  # noqa: PLC0415
+
+    if source.is_file() or not place_at(source).exists(METADATA):
+        return {}, []
+    data = DataSet.open(source)
+    told = {
+        key: str(data.attributes[key]) for key in ("title", "source", "licence") if data.attributes.get(key)
+    }
+    return told | {"schema": f"version {data.attributes['schema_version']}"}, list(data.rejected())
+
+
+def _row(clip: Clip, split: str) -> list[str]:
     from imgtransfer.evaluation.summary import summarise  # noqa: PLC0415
 
-    clips = chosen_clips(args, args.source)
-    splits = {}
-    if (args.source / "zarr.json").is_file():
-        data = DataSet.open(args.source)
-        for key in ("title", "source", "licence"):
-            if data.attributes.get(key):
-                print(f"{key}: {data.attributes[key]}")
-        splits = {name: data.split(name) for name in data.names()}
-    rows = []
-    for clip in clips:
-        s = summarise(clip)
-        median, worst = (f"{value:.2f}" for value in s.strain) if s.strain else ("-", "-")
-        inside = "-" if s.penetration is None else f"{s.penetration:.3f}"
-        sizes = f"{s.garment_vertices}/{s.garment_faces}", f"{s.body_vertices}/{s.body_faces}"
-        rows.append(
-            [clip.name, splits.get(clip.name, "-"), s.frames, f"{s.fps:g}", *sizes, median, worst, inside]
-        )
-    headings = [
-        "clip",
-        "split",
-        "frames",
-        "fps",
-        "garment v/f",
-        "body v/f",
-        "strain median %",
-        "99th %",
-        "inside %",
-    ]
+    s = summarise(clip)
+    median, worst = (f"{value:.2f}" for value in s.strain) if s.strain else ("-", "-")
+    inside = "-" if s.penetration is None else f"{s.penetration:.3f}"
+    sizes = f"{s.garment_vertices}/{s.garment_faces}", f"{s.body_vertices}/{s.body_faces}"
+    return [clip.name, split, str(s.frames), f"{s.fps:g}", *sizes, median, worst, inside]
+
+
+def _print_table(rows: list[list[str]]) -> None:
+    from tabulate import tabulate  # noqa: PLC0415
+
+    strain = ("strain median %", "99th %")
+    headings = ["clip", "split", "frames", "fps", "garment v/f", "body v/f", *strain, "inside %"]
     print(tabulate(rows, headers=headings, disable_numparse=True))
-    print(f"{len(clips)} clips, {sum(clip.n_frames for clip in clips)} frames")
-    _coverage(clips, args)
+
+
+def _page(args: argparse.Namespace, facts: dict[str, str], refs: list[ClipRef]) -> None:
+    """Write --html."""
+    from imgtransfer.data.place import everywhere  # noqa: PLC0415
+    from imgtransfer.report.data_page import MANY, PageTask, describe_clip, write_data_page  # noqa: PLC0415
+    from imgtransfer.running import run_tasks  # noqa: PLC0415
+
+    tasks = [PageTask(replace(ref, source=everywhere(ref.source)), len(refs) >= MANY) for ref in refs]
+    run = run_tasks(
+        describe_clip,
+        tasks,
+        executor=chosen_executor(args),
+        name=lambda task: task.name,
+        say=lambda part: "",
+    )
+    parts = list(run.values.values())
+    title = facts.pop("title", args.source.name)
+    path = write_data_page(args.html, title, facts, parts)
+    wrong = sum(bool(part.findings) for part in parts)
+    print(f"page     {path}: {wrong} of {len(parts)} clips to look at, {path.stat().st_size / 1e6:.1f} MB")
+    run.check()
+    unreadable = sum(part.unreadable for part in parts)
+    if unreadable:
+        raise InputError(f"{args.source}: {unreadable} of {len(parts)} clips cannot be read; {path} says why")
 
 
 def _coverage(clips: Iterable[Clip], args: argparse.Namespace) -> None:

@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from shlex import join
-from typing import TYPE_CHECKING
 
-from imgtransfer.cli.options import add_clip_choice, chosen_clips, folder_name
+from imgtransfer.cli.options import add_clip_choice, add_runner, chosen_executor, chosen_refs, folder_name
 from imgtransfer.predictions import MAPS_FILE, POSITION_ONLY_FILE, check_replaceable
-
-if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.data.clip import Clip
-    from imgtransfer.network.model import Prediction
 
 
 def add_parser(
@@ -35,6 +29,7 @@ def add_parser(
     parser.add_argument(
         "--overwrite", action="store_true", help="predict clips again that are predicted already"
     )
+    add_runner(parser)
     return parser
 
 
@@ -42,76 +37,29 @@ def run(args: argparse.Namespace) -> None:
     """Predict every chosen clip, and say where the results are; a clip's folder appears whole or not at all."""
     from tqdm import tqdm  # noqa: PLC0415
 
+    from imgtransfer.data.place import everywhere  # noqa: PLC0415
+    from imgtransfer.predicting import PredictTask, predict_clip  # noqa: PLC0415
+    from imgtransfer.running import run_tasks  # noqa: PLC0415
     from imgtransfer.training.checkpoint import fingerprint, load_model  # noqa: PLC0415
 
-    model = load_model(args.model)
-    mark = fingerprint(args.model)
-    clips = chosen_clips(args, args.source)
-    for clip in clips:  # all before any work: a wrong one would stop the command half-way
-        model.check_garment(clip)
-        check_replaceable(args.out / folder_name(clip.name), "--out")
-    for clip in clips:
-        folder = args.out / folder_name(clip.name)
-        if not args.overwrite and _stands(folder, clip, mark):
-            print(f"{folder}  predicted by this model already; --overwrite does it again")
-            continue
-        prediction = model.predict(
-            clip, partial(tqdm, desc=clip.name, unit="batch", leave=False, disable=None)
+    executor = chosen_executor(args)
+    model, mark = load_model(args.model), fingerprint(args.model)
+    out = args.out.resolve()  # other processes may have another working folder
+    tasks, with_garment = [], True
+    refs = chosen_refs(args, args.source)
+    for ref in tqdm(refs, desc="checking", unit="clip", leave=False, delay=2, disable=None):
+        still = ref.still()  # all before any work: a wrong one would stop the command half-way
+        model.check_garment(still)
+        with_garment &= still.garment_vertices is not None
+        check_replaceable(args.out / folder_name(ref.name), "--out")
+        clip = replace(ref, source=everywhere(ref.source))
+        tasks.append(
+            PredictTask(args.model.resolve(), mark, clip, out / folder_name(ref.name), args.overwrite)
         )
-        save_prediction(folder, prediction, clip, model=mark)
-        print(f"{folder}  {clip.n_frames} frames")
+    run_tasks(predict_clip, tasks, executor=executor, name=lambda task: task.name).check()
     choice = ["--split", args.split] if args.split else []
     choice += [word for name in args.clip or () for word in ("--clip", name)]
     print(f"next     {join(['imgtransfer', 'fuse', str(args.out)])}")
-    if all(clip.garment_vertices is not None for clip in clips):
+    if with_garment:
         words = ["imgtransfer", "evaluate", str(args.out), "--truth", str(args.source), *choice]
         print(f"then     {join(words)}")
-
-
-def save_prediction(folder: Path, prediction: Prediction, clip: Clip, *, model: str) -> None:
-    """Write a clip's folder, in place of an earlier one: the maps, and the vertices that the position maps alone give.
-
-    Args:
-        folder: appears whole or not at all. What was fused from an earlier prediction goes with that.
-        prediction: of the clip.
-        clip: with the body; the vertices are written as this clip's garment, world frame.
-        model: `fingerprint` of the model, for the record.
-    """
-    from fusion import initial_vertices  # noqa: PLC0415
-    from imgtransfer.data.clip import save_clip  # noqa: PLC0415
-    from render import MapFile, save_maps  # noqa: PLC0415
-    from render.files import written_whole_folder  # noqa: PLC0415
-
-    maps = MapFile.of(
-        prediction.imager,
-        position=prediction.positions.numpy(),
-        normal=prediction.normals.numpy(),
-        box=prediction.box,
-        rotation=prediction.frames.rotation,
-        translation=prediction.frames.translation,
-        fps=prediction.fps,
-    )
-    vertices = initial_vertices(prediction.imager, prediction.metres()).numpy()
-    garment = clip.with_garment(prediction.frames.to_world(vertices))
-    with written_whole_folder(folder) as temporary:
-        save_maps(temporary / MAPS_FILE, maps)
-        save_clip(temporary / POSITION_ONLY_FILE, replace(garment, info=clip.info | {"model": model}))
-
-
-def _stands(folder: Path, clip: Clip, model: str) -> bool:
-    """Whether the folder holds this model's prediction for this very clip."""
-    import numpy as np  # noqa: PLC0415
-
-    from imgtransfer.data.clip import load_clip  # noqa: PLC0415
-    from render import InputError  # noqa: PLC0415
-
-    if not (folder / MAPS_FILE).is_file():
-        return False
-    try:
-        stored = load_clip(folder / POSITION_ONLY_FILE)
-    except InputError:
-        return False
-    decisive = ("body_rest", "body_faces", "body_vertices", "poses", "trans", "fps")
-    return stored.info.get("model") == model and all(
-        np.array_equal(getattr(stored, key), getattr(clip, key)) for key in decisive
-    )

@@ -33,6 +33,11 @@ td.best { font-weight: 700; color: #0b6b3a; }
 .pictures { display: flex; flex-wrap: wrap; gap: 1rem; align-items: flex-start; }
 figure { margin: 0; max-width: 100%; }
 img { max-width: 100%; height: auto; display: block; border-radius: 6px; }
+.plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 380px), 1fr)); gap: 1rem;
+  margin-top: .8rem; }
+.plot { width: 100%; height: auto; font: 11px system-ui, sans-serif; }
+ul { margin: 0 0 .9rem; padding-left: 1.2rem; }
+ul.wrong, tr.wrong td:last-child { color: #b3261e; }
 figcaption { font-size: .85rem; color: #5a6876; margin-top: .3rem; }
 """
 
@@ -73,16 +78,19 @@ def write_report(
     if metrics:
         parts.append(f'<section><h2>Metrics</h2><div class="scroll">{_table(metrics)}</div></section>')
     parts += [_section(section) for section in sections]
-    body = "\n".join(parts)
-    page = (
+    path = Path(out_dir) / "report.html"
+    with written_whole(path) as temporary:
+        temporary.write_text(page(title, "\n".join(parts)), encoding="utf-8")
+    return path
+
+
+def page(title: str, body: str) -> str:
+    """The page around its content; `title` is plain text, `body` HTML."""
+    return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<style>{_STYLE}</style></head>\n<body><main>\n{body}\n</main></body></html>\n"
     )
-    path = Path(out_dir) / "report.html"
-    with written_whole(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return path
 
 
 def _table(metrics: Mapping[str, Mapping[str, float]]) -> str:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from imgtransfer.running.task import WORKER_VARIABLE, Outcome, attempt
+from imgtransfer.running.task import WORKER_VARIABLE, Outcome, attempt, call_packed, pack
 from render import InputError
 
 T = TypeVar("T")
@@ -16,6 +17,7 @@ _IN_FLIGHT = (
     4  # tasks that are handed in for each core, so that no core waits and Ctrl-C has few to take back
 )
 _POLL = 1.0  # seconds
+_PATIENCE = 10.0  # seconds that a cluster has to answer
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Cluster:
         ray = _ray()
         ours = not ray.is_initialized()
         if ours:
+            self._check_listening()
             try:
                 ray.init(address=self.address, log_to_driver=False, logging_level="warning")
             except (ConnectionError, ValueError, RuntimeError, OSError) as error:
@@ -47,12 +50,11 @@ class Cluster:
             remote = ray.remote(_attempt).options(
                 num_cpus=1, max_retries=self.retries, scheduling_strategy="SPREAD"
             )
-            shared = ray.put(function)
             coming = iter(enumerate(tasks))
             while True:
                 while len(pending) < limit and (following := next(coming, None)) is not None:
                     index, task = following
-                    pending[remote.remote(shared, task, index)] = index
+                    pending[remote.remote(pack(function, task), index)] = index
                 if not pending:
                     return
                 done, _ = ray.wait(list(pending), num_returns=1, timeout=_POLL)
@@ -63,6 +65,16 @@ class Cluster:
                 ray.cancel(reference, force=True)
             if ours:
                 ray.shutdown()
+
+    def _check_listening(self) -> None:
+        """Raise InputError where nothing listens at the address: Ray itself would try for many minutes."""
+        host, colon, port = self.address.removeprefix("ray://").rpartition(":")
+        if not colon:
+            return  # auto, local
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), timeout=_PATIENCE).close()
+        except (OSError, ValueError, OverflowError) as error:
+            raise InputError(f"--ray {self.address}: no Ray cluster answers there ({error})") from error
 
 
 def _ray() -> Any:
@@ -75,9 +87,9 @@ def _ray() -> Any:
     return ray
 
 
-def _attempt(function: Callable[[T], R], task: T, index: int) -> Outcome[R]:
+def _attempt(packed: bytes, index: int) -> Outcome[Any]:
     os.environ[WORKER_VARIABLE] = "ray"
-    return attempt(function, task, index)
+    return attempt(call_packed, packed, index)
 
 
 def _outcome(ray: Any, reference: Any, index: int) -> Outcome[Any]:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
-from imgtransfer.running.task import Outcome, attempt
+from imgtransfer.running.task import Outcome, attempt, call_packed, pack
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -106,7 +106,7 @@ class _Worker:
         """Start a task."""
         self._task = index
         with suppress(BrokenPipeError, ConnectionResetError):  # it died meanwhile; `take` will say so
-            self._connection.send_bytes(pickle.dumps((index, pickle.dumps((function, task)))))
+            self._connection.send((index, pack(function, task)))
 
     def take(self) -> tuple[int, Outcome[Any] | None] | None:
         """The task that has ended and its outcome, None where the process died; None while it goes on."""
@@ -140,19 +140,14 @@ def _work(connection: Connection) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
         try:
-            index, packed = pickle.loads(connection.recv_bytes())
+            index, packed = connection.recv()
         except EOFError:
             return
-        outcome: Outcome[Any] = attempt(_unpack_and_call, packed, index)
+        outcome: Outcome[Any] = attempt(call_packed, packed, index)
         try:
             connection.send(outcome)
         except (pickle.PicklingError, TypeError, AttributeError) as error:
             connection.send(Outcome(index, reason=f"its result cannot be sent: {error}"))
-
-
-def _unpack_and_call(packed: bytes) -> Any:
-    function, task = pickle.loads(packed)  # from our own parent
-    return function(task)
 
 
 def _end_with_parent() -> None:

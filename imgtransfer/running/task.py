@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import traceback
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from render import InputError
 
@@ -60,9 +61,22 @@ def attempt(function: Callable[[T], R], task: T, index: int) -> Outcome[R]:
         return Outcome(index, function(task))
     except InputError as error:
         return Outcome(index, reason=str(error))
+    except OSError as error:  # no permission, a full disk, a file where a folder is wanted
+        return Outcome(index, reason=f"{error.filename or 'files'}: {error.strerror or error}")
     except Exception as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         return Outcome(index, reason=reason, details=traceback.format_exc())
+
+
+def pack(function: Callable[[T], R], task: T) -> bytes:
+    """A call for another process. Pickled here, because Ray would hand over arrays that cannot be written to."""
+    return pickle.dumps((function, task))
+
+
+def call_packed(packed: bytes) -> Any:
+    """What `pack` put in, called; only for bytes of our own parent process."""
+    function, task = pickle.loads(packed)
+    return function(task)
 
 
 def in_worker() -> bool:

@@ -16,6 +16,7 @@ import pytest
 import synthetic
 from test_store import assert_same_clip
 
+from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.place import as_url
 from imgtransfer.data.source import open_clips
@@ -86,6 +87,12 @@ def test_a_web_server_is_read(served: str, chain: str, tmp_path: Path) -> None:
     if not chain:
         with pytest.raises(InputError, match="body_vertices: chunk 1 is missing"):
             DataSet.open(served).read("tube/bend")
+
+
+def test_commands_take_urls(memory: str, tube_clip: Clip, capsys: pytest.CaptureFixture[str]) -> None:
+    DataSet.create(memory).write("tube/bend", tube_clip, split="train")
+    assert main(["inspect", memory]) == 0
+    assert "1 clips, 6 frames" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
