@@ -57,18 +57,22 @@ def share_inside(vertices, scene):
     return (sdf.distance(torch.as_tensor(vertices)) < 0).float().mean().item()
 
 
-def test_each_stage_comes_nearer_to_the_truth(scene):
-    edges = fuse(scene["imager"], positions=scene["positions"])
-    full = fuse(scene["imager"], **maps_and_body(scene))
+@pytest.mark.parametrize(("solver", "left"), [("adam", 0.6), ("local_global", 0.65)])
+def test_each_stage_comes_nearer_to_the_truth(scene, solver, left):
+    config = FusionConfig(solver=solver)
+    edges = fuse(scene["imager"], positions=scene["positions"], config=config)
+    full = fuse(scene["imager"], **maps_and_body(scene), config=config)
     assert error_mm(edges.vertices, scene) < 0.9 * error_mm(edges.initial, scene)
     assert error_mm(full.vertices, scene) < 0.9 * error_mm(edges.vertices, scene)
-    # 2.5 against 4.8 degrees: the paper's edge weight keeps the normals from being met exactly.
-    assert angle_degrees(full.vertices, scene) < 0.6 * angle_degrees(edges.vertices, scene)
+    # adam: 2.5 against 4.8 degrees, local_global: 2.3 against 3.7; the paper's edge weight keeps the normals from
+    # being met exactly.
+    assert angle_degrees(full.vertices, scene) < left * angle_degrees(edges.vertices, scene)
 
 
-def test_exact_normals_are_met_when_the_edge_term_is_soft(scene):
-    edges = fuse(scene["imager"], positions=scene["positions"])
-    soft = FusionConfig(weight_edge=10)
+@pytest.mark.parametrize("solver", ["adam", "local_global"])
+def test_exact_normals_are_met_when_the_edge_term_is_soft(scene, solver):
+    edges = fuse(scene["imager"], positions=scene["positions"], config=FusionConfig(solver=solver))
+    soft = FusionConfig(solver=solver, weight_edge=10, normal_iterations=100, tolerance=0.0)
     full = fuse(scene["imager"], positions=scene["positions"], normals=scene["normals"], config=soft)
     assert angle_degrees(full.vertices, scene) < 0.25 * angle_degrees(edges.vertices, scene)
 
@@ -156,7 +160,7 @@ def test_normals_refine_given_vertices_without_position_maps(scene):
     result = fuse(scene["imager"], normals=scene["normals"], initial=start)
     np.testing.assert_array_equal(result.initial, start)
     assert set(result.report["terms"]) == {"normal"}
-    assert angle_degrees(result.vertices, scene) < 0.6 * angle_degrees(start, scene)  # as above
+    assert angle_degrees(result.vertices, scene) < 0.65 * angle_degrees(start, scene)  # as above
 
 
 def test_no_steps_return_the_initial_vertices(scene):
