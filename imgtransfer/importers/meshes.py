@@ -149,6 +149,7 @@ def _prepare(source: Source, options: Options, *, say: bool) -> _Ready:
                 f"{first.source}: {len(first.vertices)} vertices, {len(first.faces)} triangles, but {rest.source} has "
                 f"{len(rest.vertices)} and {len(rest.faces)}, or others; the rest pose must be the {what}'s own mesh"
             )
+    _check_frames(source)
     ready = _Ready(
         garment,
         body,
@@ -167,6 +168,18 @@ def _prepare(source: Source, options: Options, *, say: bool) -> _Ready:
         if say:
             print(f"note: {text}", file=sys.stderr)
     return ready
+
+
+def _check_frames(source: Source) -> None:
+    """Compare the frames' files before any is read; caches are compared when they are read."""
+    if any(moving.suffix.lower() in CACHES for moving in (source.garment, source.body)):
+        return
+    garment, body = frame_files(source.garment), frame_files(source.body)
+    if len(garment) != len(body):
+        raise InputError(
+            f"{source.garment}: {len(garment)} frames ({garment[0].name} to {garment[-1].name}), but {source.body} has "
+            f"{len(body)} ({body[0].name} to {body[-1].name}); both must have the same frames"
+        )
 
 
 def _first(moving: Path, rest: Path | None) -> Mesh:

@@ -21,8 +21,10 @@ from imgtransfer.importers.pickles import Maker, Stored, load_pickle
 def load_model_pickle(path: str | Path) -> Any:
     """`load_pickle` for files of the SMPL model: objects of chumpy and sparse matrices become arrays.
 
+    Objects of chumpy that stand for a computation, not for stored or selected values, become None.
+
     Raises:
-        InputError: as `load_pickle`; also where chumpy objects stand for more than stored or selected values.
+        InputError: as `load_pickle`.
     """
     return load_pickle(path, extra=_NAMES)
 
@@ -75,6 +77,7 @@ def _reconstructed(kind: object, *_: object) -> Stored:
 
 
 _NAMES: dict[str, object] = {
+    "chumpy.*": Stored,
     "chumpy.ch.Ch": _Ch,
     "chumpy.reordering.Select": _Select,
     **{f"{module}._reconstructor": Maker(_reconstructed) for module in ("copy_reg", "copyreg")},

@@ -25,7 +25,7 @@ def load_pickle(path: str | Path, *, extra: Mapping[str, object] | None = None) 
 
     Args:
         path: the file.
-        extra: stand-ins for further names, "module.name": subclasses of `Stored`, or `Maker`s.
+        extra: stand-ins for further names, "module.name" or "package.*": subclasses of `Stored`, or `Maker`s.
 
     Raises:
         InputError: no such file, a damaged one, or one that asks for anything else; nothing of it was run then.
@@ -80,9 +80,9 @@ class Stored:
             raise _RefusedError(f"holds a {type(self).__name__} without its values")
         self.state = state
 
-    def plain(self, plain: Callable[[Any], Any]) -> np.ndarray:
-        """The array; `plain` turns what is stored in it into arrays first."""
-        raise NotImplementedError
+    def plain(self, plain: Callable[[Any], Any]) -> np.ndarray | None:
+        """The array, None where it is not known; `plain` turns what is stored in it into arrays first."""
+        return None
 
 
 class _DType:
@@ -190,10 +190,10 @@ class _Unpickler(pickle.Unpickler):
         self.names = {**_NAMES, **extra}
 
     def find_class(self, module: str, name: str) -> Any:
-        found = self.names.get(f"{module}.{name}")
+        package = module.partition(".")[0]
+        found = self.names.get(f"{module}.{name}", self.names.get(f"{package}.*"))
         if found is not None:
             return found
-        package = module.partition(".")[0]
         if package == "chumpy":
             raise _RefusedError(
                 "holds chumpy objects, as files of the SMPL model do; data sets do not need them. If it is the "

@@ -121,9 +121,9 @@ def smpl_body(model_path: str | Path) -> SmplModel:
             raise InputError(f"{path}: not a SMPL model; a dict with {', '.join(KEYS)} is wanted")
     else:
         stored = load_arrays(path, KEYS)
-    missing = [key for key in KEYS if key not in stored]
+    missing = [key for key in KEYS if stored.get(key) is None]
     if missing:
-        raise InputError(f"{path}: not a SMPL model, it lacks {', '.join(missing)}")
+        raise InputError(f"{path}: not a SMPL model, it lacks {', '.join(missing)} as arrays")
     source = str(path)
     template = check_shape(source, "v_template", stored["v_template"], (None, 3)).astype(np.float64)
     count = len(template)

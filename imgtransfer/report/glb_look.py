@@ -42,7 +42,9 @@ def cut_at_seams(surface: Surface) -> Seamed:
     vertices = np.concatenate([np.arange(count), pairs[~first, 0]])
     uvs = np.zeros((len(vertices), 2), np.float32)
     with_uv = pairs[:, 1] >= 0
-    uvs[place[with_uv]] = surface.uvs[pairs[with_uv, 1]] * np.float32([1, -1]) + np.float32([0, 1])
+    uvs[place[with_uv]] = surface.uvs[pairs[with_uv, 1]] * np.array([1, -1], np.float32) + np.array(
+        [0, 1], np.float32
+    )
     return Seamed(surface.vertices[vertices], place[pair_of_corner.reshape(-1)].reshape(-1, 3), uvs)
 
 

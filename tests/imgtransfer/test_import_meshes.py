@@ -218,6 +218,9 @@ def test_clips_that_do_not_fit_together(tmp_path: Path, capsys: pytest.CaptureFi
     assert "3 frames, but" in error(capsys, folder)
     write_pc2(folder / "garment.pc2", moving(VEST.vertices)[:, 1:])
     assert "points a frame, but" in error(capsys, folder)
+    frames = write_clip(tmp_path / "in/run")
+    (frames / "body/frame_0003.obj").unlink()
+    assert "4 frames (frame_0000.obj to frame_0003.obj), but" in error(capsys, frames)
     away = moving(VEST.vertices)
     away[2:] += 3
     write_pc2(folder / "garment.pc2", away)

@@ -205,6 +205,19 @@ def test_model_files_stand_for_their_arrays(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found["select"], [[3.0], [1.0]])
 
 
+def test_computations_in_model_files_are_not_known(tmp_path: Path) -> None:
+    product = (
+        b"cchumpy.ch\nMatVecMult\n)\x81}("
+        + short("mtx")
+        + b"N"
+        + short("vec")
+        + chumpy_array(np.ones(2))
+        + b"ub"
+    )
+    (tmp_path / "model.pkl").write_bytes(b"\x80\x02}(" + short("J") + product + b"u.")
+    assert load_model_pickle(tmp_path / "model.pkl") == {"J": None}
+
+
 def test_sparse_matrices_of_model_files_become_dense(tmp_path: Path) -> None:
     dense = np.array([[0, 2.0, 0], [1.0, 0, 3.0]])
     for made in (csc_matrix(dense), csr_matrix(dense)):

@@ -12,6 +12,7 @@ import pytest
 import scipy.io
 import torch
 from import_examples import CHAIN, motion, tube_model, worn, write_model, write_obj, write_pc2
+from scipy.sparse import csc_matrix
 from scipy.spatial.transform import Rotation
 from smplx.lbs import lbs
 
@@ -110,6 +111,15 @@ def test_model_files_are_found_by_gender(tmp_path: Path) -> None:
         InputError, match=r"no SMPL model of a neutral body.*register at https://smpl\.is\.tue\.mpg\.de"
     ):
         find_smpl(tmp_path, "neutral", needed_by="x")
+
+
+def test_a_published_pickle_gives_the_same_body(tmp_path: Path, model: SmplModel) -> None:
+    arrays: dict[str, Any] = tube_model(offset=-0.4)
+    arrays["J_regressor"] = csc_matrix(arrays["J_regressor"])
+    (tmp_path / "model.pkl").write_bytes(pickle.dumps(arrays | {"bs_type": "lrotmin"}, protocol=2))
+    found = smpl_body(tmp_path / "model.pkl")
+    poses = motion(2)
+    np.testing.assert_array_equal(found.posed(BETAS, poses, TRANS[:2]), model.posed(BETAS, poses, TRANS[:2]))
 
 
 def test_model_files_without_sense_are_named(tmp_path: Path) -> None:
