@@ -21,6 +21,7 @@ from imgtransfer.garments.cutting import border_loops
 from imgtransfer.garments.figure import Figure
 from imgtransfer.garments.lower import lower_garment
 from imgtransfer.garments.upper import upper_garment
+from imgtransfer.importers.check import check_template
 from render import InputError
 from render.mesh import Mesh
 from render.meshio import load_mesh
@@ -33,7 +34,6 @@ OPENINGS = {
 }
 CLEARANCE = 0.002  # metres that every vertex must at least start from the body
 _NONE = np.zeros(0, np.int64)
-_SUNK_SHARE = 0.01  # of a template's vertices that may start inside the body; simulation pushes them out
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +82,14 @@ def load_template(body: SkinnedBody, config: TemplateConfig) -> Garment:
     """The user's mesh, unchanged.
 
     Raises:
-        InputError: no such file, no usable mesh, or more than 1 % of its vertices start inside the body.
+        InputError: no such file, no usable mesh, or a fault that the import of meshes would stop at, such as other
+            units or axes than the body's, or a start deep inside the body.
     """
     mesh = load_mesh(config.path)
-    distance = _distance(mesh.vertices, body.rest, body.faces)
-    inside = int((distance < 0).sum())
-    if inside > _SUNK_SHARE * len(distance):
-        raise InputError(
-            f"{config.path}: {inside} of {len(distance)} vertices start inside the body (the deepest "
-            f"{-1000 * distance.min():.0f} mm); a garment worn by the body in its rest pose is wanted, in metres"
-        )
+    findings = check_template(mesh, Mesh(body.rest, body.faces, "the body"))
+    severe = [finding.text for finding in findings if finding.severe]
+    if severe:
+        raise InputError("; ".join(severe))
     loops = {f"opening {number}": loop for number, loop in enumerate(border_loops(mesh.faces), 1)}
     held = _NONE
     if config.held:
