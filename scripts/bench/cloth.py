@@ -19,7 +19,7 @@ from fusion import BodySdf
 from render import Mesh, vertex_normals
 from scripts.bench import shapes
 
-EASE = 0.014  # between garment and body at rest, where the garment is not flared
+EASE = 0.008  # between garment and body at rest, where the garment is not flared
 NECK = 0.315  # height of the collar
 ARM_HEIGHT, ARM_RADIUS, ARM_LENGTH = 0.21, 0.055, 0.62  # arms lie along x
 BEND, TWIST, NEUTRAL = 1.2, 0.9, -0.05  # rad/m forward and about y; depth at which the bend keeps lengths
@@ -154,7 +154,7 @@ class _ToLengths:
     least squares; the matrix is factorised once.
     """
 
-    LAPLACIAN, PLACE, GAP = 0.02, 0.0005, 0.002  # weights against 1 for edges; metres from the body
+    LAPLACIAN, PLACE, GAP = 0.02, 0.0005, 0.0005  # weights against 1 for edges; metres from the body
 
     def __init__(self, mesh: Mesh, rounds: int) -> None:
         self._rounds = rounds
