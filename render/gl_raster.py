@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from typing import Any
+
 import numpy as np
 
 from render.context import GLContext
+from render.errors import InputError
 from render.peeling import NearestLayers
 from render.screen import ScreenFaces
 
@@ -49,6 +53,9 @@ def gl_face_ids(context: GLContext, faces: ScreenFaces, size: tuple[int, int], l
     Returns:
         (L, height, width) int32, -1 where there is no further face. Equal to `reference_face_ids` wherever the
         pixel's centre is more than 1/100 pixel from every edge (hardware snaps corners to 1/256 pixel).
+
+    Raises:
+        InputError: the driver fails. ValueError: too many faces.
     """
     import moderngl  # noqa: PLC0415
 
@@ -57,31 +64,43 @@ def gl_face_ids(context: GLContext, faces: ScreenFaces, size: tuple[int, int], l
         return nearest.face_id
     if len(faces.ids) >= _MOST_FACES:
         raise ValueError(f"at most {_MOST_FACES - 1} faces can be drawn, found {len(faces.ids)}")
-    gl, (height, width) = context.gl, size
-    program = gl.program(vertex_shader=_VERTEX_SHADER, fragment_shader=_FRAGMENT_SHADER)
-    buffer = gl.buffer(_vertex_data(faces, size).tobytes())
-    array = gl.vertex_array(program, [(buffer, "2f 1f", "in_position", "in_number")])
-    textures = [gl.texture((width, height), 1, dtype="f4") for _ in range(2)]
-    targets = [gl.framebuffer([texture]) for texture in textures]
     try:
-        gl.enable_only(moderngl.NOTHING)  # no depth test, no culling, no blending: the last fragment stays
-        targets[1].clear(0.0)
-        while True:
-            targets[0].use()
-            targets[0].clear(_NO_FACE)
-            textures[1].use(0)
-            array.render(moderngl.TRIANGLES)
-            drawn = np.frombuffer(textures[0].read(), np.float32)
-            pixel = np.flatnonzero(drawn < _NO_FACE)
-            if len(pixel) == 0:
-                break
-            nearest.add(pixel, drawn[pixel].astype(np.int64) - 1)
-            textures.reverse()
-            targets.reverse()
-    finally:
-        for resource in (*targets, *textures, array, buffer, program):
-            resource.release()
+        with ExitStack() as owned:
+            _add_all(context.gl, _vertex_data(faces, size), size, nearest, owned)
+    except moderngl.Error as error:
+        raise InputError(f"{context.renderer} ({context.backend}) fails to draw: {error}") from error
     return nearest.face_id
+
+
+def _add_all(
+    gl: Any, vertices: np.ndarray, size: tuple[int, int], nearest: NearestLayers, owned: ExitStack
+) -> None:
+    """Pass after pass, add the faces found at each pixel; `owned` releases what is made on the way."""
+    import moderngl  # noqa: PLC0415
+
+    def own(resource: Any) -> Any:
+        owned.callback(resource.release)
+        return resource
+
+    program = own(gl.program(vertex_shader=_VERTEX_SHADER, fragment_shader=_FRAGMENT_SHADER))
+    buffer = own(gl.buffer(vertices.tobytes()))
+    array = own(gl.vertex_array(program, [(buffer, "2f 1f", "in_position", "in_number")]))
+    images = [own(gl.texture(size[::-1], 1, dtype="f4")) for _ in range(2)]
+    targets = [(image, own(gl.framebuffer([image]))) for image in images]
+    gl.enable_only(moderngl.NOTHING)  # no depth test, no culling, no blending: the last fragment stays
+    targets[1][1].clear(0.0)
+    while True:
+        (image, target), (previous, _) = targets
+        target.use()
+        target.clear(_NO_FACE)
+        previous.use(0)
+        array.render(moderngl.TRIANGLES)
+        drawn = np.frombuffer(image.read(), np.float32)
+        pixel = np.flatnonzero(drawn < _NO_FACE)
+        if len(pixel) == 0:
+            return
+        nearest.add(pixel, drawn[pixel].astype(np.int64) - 1)
+        targets.reverse()
 
 
 def _vertex_data(faces: ScreenFaces, size: tuple[int, int]) -> np.ndarray:

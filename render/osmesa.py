@@ -7,6 +7,9 @@ moderngl opens contexts through glcontext, which no longer knows OSMesa; it also
 from __future__ import annotations
 
 import ctypes
+import functools
+import subprocess
+import sys
 from typing import Any
 
 _LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
@@ -24,6 +27,9 @@ class OSMesaContext:
 
     def __init__(self) -> None:
         self._library = _open_library()
+        fault = _crash()
+        if fault:
+            raise OSError(fault)
         attributes = (_FORMAT, _RGBA, _PROFILE, _CORE_PROFILE, _MAJOR_VERSION, 3, _MINOR_VERSION, 3, 0, 0)
         self._handle = self._library.OSMesaCreateContextAttribs(
             (ctypes.c_int * len(attributes))(*attributes), None
@@ -54,6 +60,17 @@ class OSMesaContext:
             self._handle = None
 
 
+@functools.cache
+def _crash() -> str | None:
+    """What to say if libOSMesa kills the process that asks it for a context, as it does with some broken set-ups of
+    Mesa; tried once, in a process of its own.
+    """
+    if __name__ == "__main__" or not sys.executable:
+        return None
+    tried = subprocess.run([sys.executable, __file__], capture_output=True, check=False)
+    return f"libOSMesa crashes (signal {-tried.returncode})" if tried.returncode < 0 else None
+
+
 def _open_library() -> Any:
     for name in _LIBRARIES:
         try:
@@ -70,3 +87,7 @@ def _open_library() -> Any:
         library.OSMesaDestroyContext.restype = None
         return library
     raise OSError(f"none of {', '.join(_LIBRARIES)} is installed")
+
+
+if __name__ == "__main__":  # what _crash tries
+    OSMesaContext().release()

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from render.cameras import Camera
-from render.context import GL_BACKENDS, HOW_TO_INSTALL, GLUnavailableError, open_context
+from render.context import GL_BACKENDS, GLUnavailableError, open_context
 from render.errors import InputError
 from render.gl_raster import gl_face_ids
 from render.mesh import Mesh
@@ -152,16 +152,16 @@ def _drawing(backend: str) -> Iterator[tuple[str, _FaceIds]]:
             try:
                 context = stack.enter_context(open_context(name))
             except GLUnavailableError as error:
-                failures.append(str(error))
+                failures.append(error)
                 continue
             yield name, partial(gl_face_ids, context)
             return
     if backend in GL_BACKENDS:
-        raise InputError(f"no GL from '{failures[0]}'; run: {HOW_TO_INSTALL[backend]}")
+        raise InputError(f"no GL from '{failures[0]}'; {failures[0].remedy}")
     if failures:
         warnings.warn(
-            f"no OpenGL ({'; '.join(failures)}): the slow NumPy rasteriser draws instead. "
-            f"To mend this run: {HOW_TO_INSTALL['egl']}",
+            f"no OpenGL ({'; '.join(map(str, failures))}): the slow NumPy rasteriser draws instead. "
+            f"To mend this {failures[0].remedy}",
             stacklevel=4,
         )
     yield "numpy", reference_face_ids

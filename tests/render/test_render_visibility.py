@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
-from example_meshes import sphere, tube, two_quads
+import torch
+from example_meshes import random_soup, sphere, tube, two_quads, two_triangles
+from raster_checks import peeled
 
 from render import Mesh, TemplateImager, frame_cameras
 from render.visibility import visible_vertices
@@ -41,11 +43,11 @@ def test_a_vertex_outside_the_image_is_not_seen():
     np.testing.assert_array_equal(visible_vertices(Mesh(vertices, mesh.faces), cameras[0])[:2], [True, False])
 
 
-def test_plain_loop_agrees():
-    mesh = tube(16, 10)
-    (camera,) = frame_cameras(mesh, views=["left"], size=(32, 48))
+@pytest.mark.parametrize("mesh", [tube(16, 10), random_soup(3, 60, 50)], ids=["tube", "soup"])
+def test_plain_loop_agrees_in_every_layer(mesh):
+    (camera,) = frame_cameras(mesh, views=["50/7"], size=(32, 48))
     eye = np.linalg.inv(camera.view)[:3, 3]
-    expected = np.ones(len(mesh.vertices), bool)
+    hiding = np.zeros(len(mesh.vertices), int)
     for vertex, point in enumerate(mesh.vertices):
         for face in mesh.faces:
             if vertex in face:
@@ -57,10 +59,58 @@ def test_plain_loop_agrees():
             if abs(np.linalg.det(system)) < 1e-14:
                 continue
             t, u, v = np.linalg.solve(system, a - eye)
-            expected[vertex] &= not (u >= 0 and v >= 0 and u + v <= 1 and 0 < t < 1 - 1e-6)
-    seen = visible_vertices(mesh, camera)
-    assert 0.2 < expected.mean() < 0.8
-    np.testing.assert_array_equal(seen, expected)
+            hiding[vertex] += u >= 0 and v >= 0 and u + v <= 1 and 0 < t < 1 - 1e-6
+    assert hiding.max() >= 1
+    for layered in peeled(camera, hiding.max() + 2):
+        np.testing.assert_array_equal(visible_vertices(mesh, layered), hiding == layered.layer)
+
+
+def test_a_vertex_behind_an_edge_is_behind_one_surface():
+    # The rear square's corners and its middle lie behind the front square's diagonal, two of whose faces meet there.
+    square = two_triangles()
+    behind = np.array([[-0.3, -0.3, -0.2], [0, 0, -0.2], [0.3, 0.3, -0.2], [0.3, -0.3, -0.2]])
+    mesh = Mesh(
+        np.concatenate([square.vertices, behind]), np.concatenate([square.faces, [[4, 5, 7], [5, 6, 7]]])
+    )
+    (front,) = frame_cameras(mesh, views="front", size=(64, 64))
+    for layer, camera in enumerate(peeled(front, 3)):
+        seen = visible_vertices(mesh, camera)
+        np.testing.assert_array_equal(seen, [layer == 0] * 4 + [layer == 1] * 4)
+
+
+def test_layers_partition_the_vertices():
+    mesh = random_soup(4)
+    (camera,) = frame_cameras(mesh, views="20/30", size=(64, 64))
+    seen = np.stack([visible_vertices(mesh, layered) for layered in peeled(camera, 60)])
+    np.testing.assert_array_equal(seen.sum(axis=0), 1)
+    assert seen.any(axis=1).sum() > 10
+
+
+@pytest.mark.parametrize("views", ["front,back", "four"])
+def test_values_are_read_from_a_layer_as_well_as_from_the_nearest(views):
+    mesh = tube()
+    imager = TemplateImager.build(mesh, views=views, layers=2, size=(192, 160))
+    vertices = torch.from_numpy(mesh.vertices)
+    bent = vertices + 0.05 * torch.sin(4 * vertices[:, [1, 2, 0]])  # a smooth deformation, 5 cm
+    error = (imager.sample(imager.operator(bent)) - bent).norm(dim=-1).numpy()
+    layer = np.array([camera.layer for camera in imager.cameras])
+    median = [np.median(error[layer == k][imager.visible[layer == k]]) for k in (0, 1)]
+    assert min(imager.visible[layer == k].mean() for k in (0, 1)) > 0.4
+    # Seen: 0.12 and 0.12 mm by front and back, 0.16 and 0.16 mm by four, where a pixel spans 4 mm.
+    assert median[0] < 4e-4
+    assert median[1] < 1.2 * median[0]
+    assert not (imager.visible[0] & imager.visible[1]).any()
+
+
+def test_layers_that_show_nothing_are_left_out_unless_the_cameras_are_given():
+    garment = TemplateImager.build(two_quads(), views="front,back", size=(40, 40), layers=4)
+    assert [camera.name for camera in garment.cameras] == ["front", "front/1", "back", "back/1"]
+    assert garment.visible.shape == (4, 8)
+    # Another mesh seen by the same cameras keeps their images, empty or not, so that the two can be paired.
+    other = TemplateImager.build(two_triangles(), cameras=garment.cameras)
+    assert other.mask.any(dim=(1, 2)).tolist() == [True, False, True, False]
+    assert not other.visible[[1, 3]].any()
+    assert torch.equal(other.operator(torch.ones(4, 1))[1], torch.zeros(40, 40, 1))
 
 
 def test_more_views_see_more_of_a_garment():
