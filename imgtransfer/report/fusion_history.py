@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import sqrt
+from math import nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -62,13 +62,11 @@ def history_picture(history: History, config: FusionConfig) -> np.ndarray:
     weights = {"edge": edge_weights(config), "normal": normal_weights(config)}
     panels = []
     for stage, terms in history.items():
-        curves = {
-            term.rsplit("_m", 1)[0].replace("_", " "): (
-                range(len(values)),
-                [weights[stage].get(term, 1.0) * value for value in values],
-            )
-            for term, values in terms.items()
-        }
+        curves = {}
+        for term in sorted(terms, key=["total", *TERMS].index):
+            added = weights[stage].get(term, 1.0) * np.asarray(terms[term])
+            name = term.removesuffix("_m").removesuffix("_m2").replace("_", " ")
+            curves[name] = (range(len(added)), [float(value) or nan for value in added])  # no 0 on the axis
         title = f"stage: {STAGES[stage]}"
         panels.append(curve_picture(curves, title=title, x_label="iteration", y_label="weighted residual"))
     return contact_sheet([panels])

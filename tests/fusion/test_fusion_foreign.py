@@ -12,7 +12,7 @@ from fusion.stages import edge_weights, normal_weights
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import load_clip
 from imgtransfer.report.fusion_history import TERMS, fusion_table, history_picture
-from render import load_mesh
+from render import load_maps, load_mesh, save_maps
 
 FRAMES = 2
 OBJ_FACES = "".join(f"f {a} {b} {c}\n" for a, b, c in tube().faces + 1)
@@ -184,6 +184,13 @@ def test_confidence_in_the_map_file_is_used(folder):
     change_maps(folder, confidence=confidence, format_version=np.array(2))
     assert command(folder, out="weighted") == 0
     assert error_mm(fused(folder, "weighted"), folder) < 0.2 * error_mm(fused(folder, "plain"), folder)
+
+
+def test_a_folder_of_exr_files_will_do(folder):
+    save_maps(folder / "exr", load_maps(folder / "maps.npz"))
+    assert command(folder, out="npz") == 0
+    assert main(["fuse", "--maps", str(folder / "exr"), "--out", str(folder / "from_exr")]) == 0
+    np.testing.assert_allclose(fused(folder, "from_exr"), fused(folder, "npz"), atol=1e-4)
 
 
 def test_texture_coordinates_of_the_template_come_along(folder):
