@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
 
+from imgtransfer.cli.options import add_runner, chosen_executor
 from imgtransfer.predictions import (
     FUSED_FILE,
     HISTORY_FILE,
@@ -68,6 +70,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--device", default="cpu", help="torch device that computes: cpu or cuda; default cpu"
     )
+    add_runner(parser)
     _add_single(parser.add_argument_group("one map file, in place of PREDICTIONS"))
     return parser
 
@@ -104,6 +107,7 @@ def run(args: argparse.Namespace) -> None:
     """Fuse one map file, or every clip of a prediction."""
     from fusion.config import FusionConfig, load_config  # noqa: PLC0415
     from imgtransfer.fusing import Ways  # noqa: PLC0415
+    from imgtransfer.running import run_tasks  # noqa: PLC0415
 
     _check_form(args)
     _check_device(args.device)
@@ -114,8 +118,13 @@ def run(args: argparse.Namespace) -> None:
     if args.maps is not None:
         _fuse_file(args, ways)
         return
-    for folder in predicted_clips(args.predictions):
-        _fuse_predicted(folder, args, ways)
+    executor = chosen_executor(args)
+    # Another machine's processes have another working folder.
+    tasks = [
+        _Task(folder.resolve() if args.ray else folder, args, ways)
+        for folder in predicted_clips(args.predictions)
+    ]
+    run_tasks(_fuse_predicted, tasks, executor=executor, name=lambda task: task.name).check()
     print(f"next     imgtransfer evaluate {quote(str(args.predictions))} --truth SOURCE")
 
 
@@ -129,6 +138,8 @@ def _check_form(args: argparse.Namespace) -> None:
         for option in SINGLE:
             if getattr(args, option) is not None:
                 raise InputError(f"fuse: --{option} goes with --maps; PREDICTIONS have that in their folders")
+    elif args.ray is not None or args.workers != 1:
+        raise InputError("fuse: --workers and --ray go with PREDICTIONS; --maps is one clip")
     elif args.out is None:
         raise InputError("fuse: --maps needs --out DIR, the folder for the results")
     elif args.overwrite:
@@ -168,26 +179,39 @@ def _fuse_file(args: argparse.Namespace, ways: Ways) -> None:
     print(f"results  {args.out}: {', '.join(sorted(entry.name for entry in args.out.iterdir()))}")
 
 
-def _fuse_predicted(folder: Path, args: argparse.Namespace, ways: Ways) -> None:
-    """Fuse one clip's folder, unless that was done with these settings since it was predicted."""
+@dataclass(frozen=True)
+class _Task:
+    """One clip's folder in a prediction, and how to fuse it."""
+
+    folder: Path
+    args: argparse.Namespace
+    ways: Ways
+
+    @property
+    def name(self) -> str:
+        return self.folder.name
+
+
+def _fuse_predicted(task: _Task) -> str:
+    """Fuse one clip's folder, unless that was done with these settings since it was predicted; a line about it."""
     from imgtransfer.data.clip import load_clip  # noqa: PLC0415
     from imgtransfer.data.mesh_output import save_mesh_frames  # noqa: PLC0415
     from imgtransfer.fusing import Given, fused_as, save_fused  # noqa: PLC0415
     from imgtransfer.moving import load_moving  # noqa: PLC0415
 
+    folder, args, ways = task.folder, task.args, task.ways
     maps, target = folder / MAPS_FILE, folder / FUSED_FILE
     newer = target.is_file() and target.stat().st_mtime_ns >= maps.stat().st_mtime_ns
     drawn = (folder / HISTORY_FILE).is_file() or not args.history
     if newer and drawn and not args.overwrite and fused_as(target) == ways.as_text():
-        print(f"{folder}  fused with these settings already; --overwrite does it again")
         if args.meshes:
             clip = load_clip(target)
             assert clip.garment_vertices is not None
             save_mesh_frames(folder / MESHES_FOLDER, clip.garment_vertices, clip.template, args.meshes)
-        return
+        return f"{folder}  fused with these settings already; --overwrite does it again"
     result = _fused(maps, Given(body=load_moving(folder / POSITION_ONLY_FILE, "body")), args, ways)
     save_fused(folder, result, meshes=args.meshes)
-    print(f"{folder}  {result.report['frames']} frames, {result.report['seconds']:.1f} s")
+    return f"{folder}  {result.report['frames']} frames, {result.report['seconds']:.1f} s"
 
 
 def _fused(path: Path, given: Given, args: argparse.Namespace, ways: Ways) -> Fused:
@@ -195,11 +219,13 @@ def _fused(path: Path, given: Given, args: argparse.Namespace, ways: Ways) -> Fu
     from tqdm import tqdm  # noqa: PLC0415
 
     from imgtransfer.fusing import fused  # noqa: PLC0415
+    from imgtransfer.running import in_worker  # noqa: PLC0415
     from render import load_maps  # noqa: PLC0415
 
     maps = load_maps(path)
     name = path.parent.name if path.name == MAPS_FILE else path.stem
-    with tqdm(total=len(maps.rotation), desc=name, unit="frame", leave=False, disable=None) as bar:
+    hidden = True if in_worker() else None
+    with tqdm(total=len(maps.rotation), desc=name, unit="frame", leave=False, disable=hidden) as bar:
         try:
             return fused(maps, given, ways, device=args.device, history=args.history, progress=bar.update)
         except InputError as error:

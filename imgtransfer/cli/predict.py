@@ -44,7 +44,8 @@ def run(args: argparse.Namespace) -> None:
 
     executor = chosen_executor(args)
     model, mark = load_model(args.model), fingerprint(args.model)
-    out = args.out.resolve()  # other processes may have another working folder
+    # Another machine's processes have another working folder.
+    path, out = (args.model.resolve(), args.out.resolve()) if args.ray else (args.model, args.out)
     tasks, with_garment = [], True
     refs = chosen_refs(args, args.source)
     for ref in tqdm(refs, desc="checking", unit="clip", leave=False, delay=2, disable=None):
@@ -53,9 +54,7 @@ def run(args: argparse.Namespace) -> None:
         with_garment &= still.garment_vertices is not None
         check_replaceable(args.out / folder_name(ref.name), "--out")
         clip = replace(ref, source=everywhere(ref.source))
-        tasks.append(
-            PredictTask(args.model.resolve(), mark, clip, out / folder_name(ref.name), args.overwrite)
-        )
+        tasks.append(PredictTask(path, mark, clip, out / folder_name(ref.name), args.overwrite))
     run_tasks(predict_clip, tasks, executor=executor, name=lambda task: task.name).check()
     choice = ["--split", args.split] if args.split else []
     choice += [word for name in args.clip or () for word in ("--clip", name)]
