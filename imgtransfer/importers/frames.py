@@ -14,7 +14,7 @@ from imgtransfer.importers.caches import read_cache
 from imgtransfer.importers.files import natural, natural_sort
 from render import InputError, Mesh, load_mesh
 
-MESHES = (".obj", ".ply")
+MESHES = (".obj", ".ply", ".glb")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ def read_moving_mesh(
     """Read a moving mesh.
 
     Args:
-        source: a folder of OBJ or PLY files, one a frame; a pattern of such files, such as out/shirt_*.obj; or a
+        source: a folder of OBJ, PLY or GLB files, one a frame; a pattern of such files, such as out/shirt_*.obj; or a
             point cache (.pc2, .pc16, .mdd).
         topology: the mesh that a cache moves; not needed for files.
         progress: called with 1 after each file.
@@ -120,14 +120,14 @@ def frame_files(source: Path) -> list[Path]:
     """
     pattern = any(sign in source.name for sign in "*?[")
     if not pattern and not source.is_dir():
-        what = "a folder of OBJ or PLY frames, a pattern such as FOLDER/shirt_*.obj, or a point cache"
+        what = "a folder of OBJ, PLY or GLB frames, a pattern such as FOLDER/shirt_*.obj, or a point cache"
         raise InputError(f"{source}: no such folder; wanted is {what} ({', '.join(CACHES)})")
     found = source.parent.glob(source.name) if pattern else source.iterdir()
     files = natural_sort(
         file for file in found if file.suffix.lower() in MESHES and not file.name.startswith(".")
     )
     if not files:
-        raise InputError(f"{source}: no OBJ or PLY files here; one a frame is wanted")
+        raise InputError(f"{source}: no OBJ, PLY or GLB files here; one a frame is wanted")
     names = {re.sub(r"\d+(?=\D*$)", "#", file.name, count=1) for file in files}
     if len(names) > 1:
         some = ", ".join(sorted(names, key=natural)[:3])

@@ -106,19 +106,20 @@ def test_plain_meshes_with_a_body_give_the_clip_s_maps(meshes: Path, tmp_path: P
             np.testing.assert_allclose(getattr(one, field), getattr(other, field), atol=1e-5)
 
 
-@pytest.mark.parametrize("kind", ["one file", "pattern", "glb"])
+@pytest.mark.parametrize("kind", ["one file", "pattern", "folder of GLB"])
 def test_meshes_alone_stay_where_they_are(meshes: Path, tmp_path: Path, kind: str, tube_clip: Clip) -> None:
-    source: Path | str = {
-        "one file": meshes / "shirt/f_02.ply",
-        "pattern": f"{meshes}/shirt/f_0[2-4].ply",
-    }.get(kind, meshes / "f_02.glb")
     assert tube_clip.garment_vertices is not None
-    if kind == "glb":
-        trimesh.Trimesh(tube_clip.garment_vertices[2], tube_clip.garment_faces, process=False).export(source)
+    source = {"one file": meshes / "shirt/f_02.ply", "pattern": f"{meshes}/shirt/f_0[2-4].ply"}.get(kind)
+    if source is None:
+        source = meshes / "glb"
+        source.mkdir()
+        for k in (2, 3, 4):
+            mesh = trimesh.Trimesh(tube_clip.garment_vertices[k], tube_clip.garment_faces, process=False)
+            mesh.export(source / f"{k}.glb")
     assert render(source, "--template", meshes / "shirt.obj", "--out", tmp_path / "out") == 0
     (folder,) = (tmp_path / "out").iterdir()
     maps = load_maps(folder / "garment.npz")
-    assert len(maps.rotation) == (3 if kind == "pattern" else 1)
+    assert len(maps.rotation) == (1 if kind == "one file" else 3)
     np.testing.assert_array_equal(maps.rotation[0], np.eye(3))
     assert maps.fps == 30
     assert maps.position is not None

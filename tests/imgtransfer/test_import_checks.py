@@ -146,7 +146,7 @@ def test_a_frame_that_is_not_finite_is_named(tmp_path: Path) -> None:
 def test_frames_that_are_not_there(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for place, message in (
-        ("empty", "no OBJ or PLY files"),
+        ("empty", "no OBJ, PLY or GLB files"),
         ("none", "no such folder"),
         ("none_*.obj", "no OBJ"),
     ):
@@ -302,7 +302,7 @@ def test_a_garment_in_other_axes_than_the_body(body: Mesh, shirt: Mesh, tmp_path
     assert finding.severe
     assert "its axes are other ones than the body's: add --garment-up=z --garment-facing=-y" in finding.text
     write_obj(tmp_path / "vest.obj", lying.vertices, lying.faces)
-    with pytest.raises(InputError, match="add --garment-up=z"):
+    with pytest.raises(InputError, match="add `up: z` `facing: -y`$"):
         load_template(tmp_path / "vest.obj", body)
     garment, notes = load_template(tmp_path / "vest.obj", body, axes=Axes("z", "-y"))
     np.testing.assert_allclose(garment.vertices, shirt.vertices, atol=1e-6)
@@ -313,7 +313,7 @@ def test_a_template_is_welded_on_its_way(tmp_path: Path) -> None:
     body = Mesh(*synthetic.tube(0.15, 1.0, 9, 14, closed=True), source="body")
     mesh = split_tube()
     write_obj(tmp_path / "shirt.obj", mesh.vertices + np.array([0, 0.2, 0]), mesh.faces)
-    with pytest.raises(InputError, match="add --weld"):
+    with pytest.raises(InputError, match="add `weld: true`"):
         load_template(tmp_path / "shirt.obj", body)
     garment, _ = load_template(tmp_path / "shirt.obj", body, welding=True)
     assert len(garment.vertices) == 24
