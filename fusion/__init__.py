@@ -14,6 +14,7 @@ from fusion.losses import normal_consistency_loss as normal_consistency_loss
 from fusion.losses import normal_rendering_loss as normal_rendering_loss
 from fusion.obstacles import Obstacles as Obstacles
 from fusion.obstacles import OuterSurface as OuterSurface
+from fusion.run import fuse_maps as fuse_maps
 from fusion.sdf import BodySdf as BodySdf
 from fusion.sdf import Obstacle as Obstacle
 from fusion.sdf import SdfQuery as SdfQuery

@@ -27,8 +27,7 @@ from tabulate import tabulate
 # This folder's own fusion.py and render.py must not hide the packages.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from fusion import FusionConfig
-from fusion.run import fuse_maps
+from fusion import FusionConfig, fuse_maps
 from imgtransfer.cli.options import clip_name
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import Clip
