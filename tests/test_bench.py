@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.bench import fusion, measuring, render, training
+from scripts.bench import fusion, measuring, render, store, training
 from scripts.bench.measuring import Results, Timings, interleaved
 
 ROOT = Path(__file__).parents[1]
@@ -52,6 +52,16 @@ KEYS = {
             )
         ),
     },
+    "store": {
+        "write_frames_per_s",
+        "frames_per_s_uncached",
+        "frames_per_s_windowed",
+        "frames_per_s_first",
+        "frames_per_s_cached",
+        "ratio_cached_to_uncached",
+        "trainer_frames_per_s",
+        "share_of_step_windowed",
+    },
     "training": {
         "step_ms",
         "share_of_maps",
@@ -62,7 +72,7 @@ KEYS = {
         "ratio_svd_to_polar",
     },
 }
-BENCHES = {"render": render, "fusion": fusion, "training": training}
+BENCHES = {"render": render, "fusion": fusion, "store": store, "training": training}
 
 
 @pytest.mark.parametrize("name", BENCHES)

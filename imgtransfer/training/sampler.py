@@ -65,6 +65,16 @@ class Frames:
         lows, highs = zip(*bounds, strict=True)
         return np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
 
+    @property
+    def n_chunks(self) -> int:
+        """Number of chunks that the frames are read in."""
+        return len(self._cache.chunks)
+
+    @property
+    def chunk_reads(self) -> int:
+        """How many chunks have been read so far."""
+        return self._cache.reads
+
     def order(self, batch: int, seed: int) -> Order:
         """The order that training sees the frames in: fully random if they fit into the cache."""
         if len(self) * self._bytes_per_frame <= self._cache_bytes:
