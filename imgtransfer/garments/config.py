@@ -88,6 +88,9 @@ class TrousersConfig(_Lower):
     smoothing: float = Field(0.012, gt=0.0, lt=0.05)  # metres, how far hollows of the body are bridged
 
 
+AxisName = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+
 class TemplateConfig(BaseModel):
     """The user's own garment mesh, made for the body that it is simulated on."""
 
@@ -95,6 +98,10 @@ class TemplateConfig(BaseModel):
 
     kind: Literal["template"] = "template"
     path: Path
+    up: AxisName = "y"  # the file's axis that points up
+    facing: AxisName = "z"  # the file's axis that the body faces
+    unit: Literal["m", "cm", "mm", "dm", "in", "ft"] = "m"  # of the file
+    weld: bool = False  # join seams that the file has split; outputs still have its vertices
     held: bool = False  # whether the topmost opening is a waistband, which stays where it is on the skin
     name: str | None = None  # of the garment in data sets; the file's name without suffix if None
 

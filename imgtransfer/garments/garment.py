@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,13 +19,15 @@ from imgtransfer.garments.config import (
     TShirtConfig,
 )
 from imgtransfer.garments.cutting import border_loops
+from imgtransfer.garments.field import Field
 from imgtransfer.garments.figure import Figure
-from imgtransfer.garments.lower import lower_garment
-from imgtransfer.garments.upper import upper_garment
-from imgtransfer.importers.check import check_template
+from imgtransfer.garments.lower import lower_field, lower_garment
+from imgtransfer.garments.refit import refitted
+from imgtransfer.garments.upper import upper_field, upper_garment
+from imgtransfer.importers.axes import UNITS, Axes
+from imgtransfer.importers.template import load_template as place_template
 from render import InputError
 from render.mesh import Mesh
-from render.meshio import load_mesh
 
 OPENINGS = {
     "tshirt": ("neck", "left sleeve", "right sleeve", "hem"),
@@ -54,12 +57,16 @@ class Garment:
     held: np.ndarray
 
 
-def make_garment(body: SkinnedBody, config: GarmentConfig | None = None) -> Garment:
+def make_garment(
+    body: SkinnedBody, config: GarmentConfig | None = None, *, like: SkinnedBody | None = None
+) -> Garment:
     """The garment that `config` describes, on the body at rest; the same every time.
 
     Args:
         body: in an A- or T-pose, its arms off the trunk.
         config: None is a T-shirt.
+        like: another shape of the same body: the garment is made for it and refitted to `body`, so that faces and
+            vertices correspond. None makes the garment for `body` alone, with the evenest triangles.
 
     Raises:
         InputError: sizes that leave no clean surface with the openings that belong to the garment, or a template
@@ -69,27 +76,42 @@ def make_garment(body: SkinnedBody, config: GarmentConfig | None = None) -> Garm
     if isinstance(config, TemplateConfig):
         return load_template(body, config)
     figure = Figure.of(body)
-    if isinstance(config, TShirtConfig | DressConfig):
-        mesh = upper_garment(figure, config)
-    else:
-        mesh = lower_garment(figure, config)
-    _check(mesh, figure, config)
+    mesh = _surface(figure if like is None else Figure.of(like), config)
     openings = _named(mesh, OPENINGS[config.kind])
+    if like is not None:
+        if not np.array_equal(like.faces, body.faces):
+            raise InputError(
+                f"{config.kind}: only shapes of one body can share a garment; their faces differ"
+            )
+        mesh = refitted(mesh, Figure.of(like), figure, _field(figure, config))
+    _check(mesh, figure, config)
     return Garment(config.kind, mesh, openings, np.sort(openings.get("waist", _NONE)))
 
 
+def _surface(figure: Figure, config: MadeConfig) -> Mesh:
+    if isinstance(config, TShirtConfig | DressConfig):
+        return upper_garment(figure, config)
+    return lower_garment(figure, config)
+
+
+def _field(figure: Figure, config: MadeConfig) -> Field:
+    if isinstance(config, TShirtConfig | DressConfig):
+        return upper_field(figure, config)
+    return lower_field(figure, config)
+
+
 def load_template(body: SkinnedBody, config: TemplateConfig) -> Garment:
-    """The user's mesh, unchanged.
+    """The user's mesh, in our axes and units, welded if asked for; what is odd about it is printed to stderr.
 
     Raises:
         InputError: no such file, no usable mesh, or a fault that the import of meshes would stop at, such as other
             units or axes than the body's, or a start deep inside the body.
     """
-    mesh = load_mesh(config.path)
-    findings = check_template(mesh, Mesh(body.rest, body.faces, "the body"))
-    severe = [finding.text for finding in findings if finding.severe]
-    if severe:
-        raise InputError("; ".join(severe))
+    axes = Axes(config.up, config.facing, UNITS[config.unit])
+    resting = Mesh(body.rest, body.faces, "the body")
+    mesh, notes = place_template(config.path, resting, axes=axes, welding=config.weld)
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
     loops = {f"opening {number}": loop for number, loop in enumerate(border_loops(mesh.faces), 1)}
     held = _NONE
     if config.held:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Literal
@@ -19,6 +19,7 @@ from imgtransfer.importers.weld import seam_groups
 from render import InputError, Mesh, vertex_normals
 
 Kind = Literal["unit", "axes", "apart", "inside", "inside_out", "seams", "pieces", "unused", "edges"]
+Say = Callable[[str, str], str]  # an option's name and value -> what messages call it
 DEEP = 0.005  # metres inside the body from which on a garment cannot be worn as it is
 
 
@@ -31,6 +32,11 @@ class Finding:
     severe: bool
 
 
+def as_flag(name: str, value: str) -> str:
+    """An option as the command line has it; those without a value are switches."""
+    return f"--{name}={value}" if value else f"--{name}"
+
+
 def check_template(
     garment: Mesh,
     body: Mesh,
@@ -38,6 +44,7 @@ def check_template(
     given: Axes | None = None,
     garment_given: Axes | None = None,
     welding: bool = False,
+    say: Say = as_flag,
 ) -> list[Finding]:
     """Check a garment and the body that it is to be worn by, both in the rest pose.
 
@@ -48,23 +55,26 @@ def check_template(
             it was taken as it is.
         garment_given: likewise the garment's file; None where it was turned as the body's.
         welding: whether seams will be welded, so that they are no fault.
+        say: how messages name an option and its value.
 
     Returns:
         What is wrong, the most basic first; the place of the garment is looked at only where size and axes fit.
     """
     given = given or Axes()
     garment_given = garment_given or given
-    found = [*_size(garment, body, given, garment_given), *_axes(body, given)]
+    found = [*_size(garment, body, given, garment_given, say), *_axes(body, given)]
     if not found:
-        found += _place(garment, body, garment_given)
-    return found + check_topology(garment, welding=welding)
+        found += _place(garment, body, garment_given, say)
+    return found + check_topology(garment, welding=welding, say=say)
 
 
-def refuse(findings: Sequence[Finding], *, anyway: bool = False) -> list[str]:
+def refuse(
+    findings: Sequence[Finding], *, anyway: bool = False, hint: str = " (--anyway goes on all the same)"
+) -> list[str]:
     """Stop at severe findings.
 
     Args:
-        anyway: go on all the same.
+        anyway: go on all the same. hint: what the message ends with.
 
     Returns:
         The texts of what does not stop the work, for the user to read.
@@ -74,11 +84,11 @@ def refuse(findings: Sequence[Finding], *, anyway: bool = False) -> list[str]:
     """
     severe = [] if anyway else [finding.text for finding in findings if finding.severe]
     if severe:
-        raise InputError(f"{'; '.join(severe)} (--anyway goes on all the same)")
+        raise InputError(f"{'; '.join(severe)}{hint}")
     return [finding.text for finding in findings]
 
 
-def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes) -> list[Finding]:
+def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes, say: Say) -> list[Finding]:
     """Whether the body is of human size, and the garment fits its size."""
     size, cloth = (float(np.ptp(mesh.vertices, axis=0).max()) for mesh in (body, garment))
     if not 0.4 <= size <= 2.8:
@@ -99,7 +109,7 @@ def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes) -> list[F
         if not 0.05 <= cloth / size <= 3 and 0.1 <= times * cloth / size <= 1.5:
             metres = garment_given.scale * times
             unit = next((name for name, value in UNITS.items() if np.isclose(value, metres)), None)
-            hint = f": add --garment-unit={unit}" if unit else ""
+            hint = f": add {say('garment-unit', unit)}" if unit else ""
             text = f"{garment.source}: the garment would be {cloth:.3g} m large on a body of {size:.3g} m; "
             return [Finding("unit", f"{text}its file is in other units than the body's{hint}", True)]
     return []
@@ -114,7 +124,7 @@ def _axes(body: Mesh, given: Axes) -> list[Finding]:
     return [Finding("axes", f"{text}, not {given.up} and {given.facing}; add {guessed}", True)]
 
 
-def _place(garment: Mesh, body: Mesh, garment_given: Axes) -> list[Finding]:
+def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[Finding]:
     """Whether the garment is on the body, outside of it, and not inside out."""
     if _volume(body) < 0:
         text = f"{body.source}: the body's triangles are seen from inside (or its axes are left-handed)"
@@ -132,7 +142,7 @@ def _place(garment: Mesh, body: Mesh, garment_given: Axes) -> list[Finding]:
         way = ", ".join(f"{value:+.2f}" for value in offset)
         text = f"{garment.source}: the garment is not on the body in the rest pose: its nearest vertex is "
         text += f"{distance.min():.2f} m away, the middle of the body lies by ({way}) m from its middle"
-        hint = _turn(garment, sdf, garment_given) or "export both from the same scene in the same pose"
+        hint = _turn(garment, sdf, garment_given, say) or "export both from the same scene in the same pose"
         return [Finding("apart", f"{text}; {hint}", True)]
     inside = distance < 0
     if inside.any():
@@ -140,7 +150,7 @@ def _place(garment: Mesh, body: Mesh, garment_given: Axes) -> list[Finding]:
         text = (
             f"{garment.source}: {inside.sum()} of {len(inside)} vertices start inside the body, the deepest "
         )
-        hint = _turn(garment, sdf, garment_given) if deepest > DEEP else ""
+        hint = _turn(garment, sdf, garment_given, say) if deepest > DEEP else ""
         text += (
             f"{1000 * deepest:.1f} mm; {hint or 'move them out, or export garment and body in the same pose'}"
         )
@@ -153,8 +163,8 @@ def _place(garment: Mesh, body: Mesh, garment_given: Axes) -> list[Finding]:
     return found
 
 
-def _turn(garment: Mesh, sdf: BodySdf, given: Axes) -> str:
-    """The flags by which the garment would lie on the body, if its axes are what is wrong; else ""."""
+def _turn(garment: Mesh, sdf: BodySdf, given: Axes, say: Say) -> str:
+    """The options by which the garment would lie on the body, if its axes are what is wrong; else ""."""
     points = garment.vertices[:: max(1, len(garment.vertices) // 500)] @ given.rotation  # in the file's axes
     fitting = []
     for up, facing in product(AXES, AXES):
@@ -162,7 +172,8 @@ def _turn(garment: Mesh, sdf: BodySdf, given: Axes) -> str:
             continue
         distance = sdf.distance(torch.from_numpy(points @ Axes(up, facing).rotation.T)).numpy()
         if np.median(distance) < 0.12 and (distance < -DEEP).mean() < 0.02:
-            fitting.append((float(np.abs(distance).mean()), f"--garment-up={up} --garment-facing={facing}"))
+            options = f"{say('garment-up', up)} {say('garment-facing', facing)}"
+            fitting.append((float(np.abs(distance).mean()), options))
     return f"its axes are other ones than the body's: add {min(fitting)[1]}" if fitting else ""
 
 
@@ -197,18 +208,19 @@ def _volume(mesh: Mesh) -> float:
     return float((a * np.cross(b, c)).sum() / 6)
 
 
-def check_topology(garment: Mesh, *, welding: bool = False) -> list[Finding]:
+def check_topology(garment: Mesh, *, welding: bool = False, say: Say = as_flag) -> list[Finding]:
     """Check a garment's connectivity: seams that were split, loose pieces, vertices and edges that do no work.
 
     Args:
         garment: metres. welding: whether seams will be welded, so that they are no fault.
+        say: how messages name an option and its value.
     """
     found = []
     first, count = seam_groups(garment), len(garment.vertices)
     joined = count - len(np.unique(first))
     if joined and not welding:
         text = f"{garment.source}: {joined} of {count} vertices lie on others, where seams were split (by texture "
-        text += "coordinates or panels); cloth would come apart there: add --weld"
+        text += f"coordinates or panels); cloth would come apart there: add {say('weld', '')}"
         found.append(Finding("seams", text, True))
     faces = first[garment.faces]
     used = np.zeros(count, bool)

@@ -83,7 +83,7 @@ def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality
         },
         name=clip_name(config, motion),
     )
-    return clip, quality
+    return clip.with_surface(pattern.surface), quality
 
 
 def clip_name(config: SimulateConfig, motion: Motion) -> str:

@@ -11,6 +11,9 @@ import pytest
 import synthetic
 from import_examples import standing_body, vest, write_obj, write_pc2
 
+from imgtransfer.bodies.anny import load_body
+from imgtransfer.garments.config import TemplateConfig
+from imgtransfer.garments.garment import make_garment
 from imgtransfer.importers.axes import AXES, UNITS, Axes, guess_axes, likely_unit
 from imgtransfer.importers.check import check_template, check_topology, refuse
 from imgtransfer.importers.frames import frame_files, read_moving_mesh
@@ -302,7 +305,7 @@ def test_a_garment_in_other_axes_than_the_body(body: Mesh, shirt: Mesh, tmp_path
     assert finding.severe
     assert "its axes are other ones than the body's: add --garment-up=z --garment-facing=-y" in finding.text
     write_obj(tmp_path / "vest.obj", lying.vertices, lying.faces)
-    with pytest.raises(InputError, match="add `up: z` `facing: -y`$"):
+    with pytest.raises(InputError, match=r"add `up: z` `facing: -y`$"):
         load_template(tmp_path / "vest.obj", body)
     garment, notes = load_template(tmp_path / "vest.obj", body, axes=Axes("z", "-y"))
     np.testing.assert_allclose(garment.vertices, shirt.vertices, atol=1e-6)
@@ -319,6 +322,17 @@ def test_a_template_is_welded_on_its_way(tmp_path: Path) -> None:
     assert len(garment.vertices) == 24
     assert garment.surface is not None
     np.testing.assert_array_equal(garment.surface.faces, mesh.faces)
+
+
+def test_a_garment_s_configuration_says_how_its_file_lies(shirt: Mesh, tmp_path: Path) -> None:
+    axes = Axes("z", "-y", 0.01)
+    write_obj(tmp_path / "vest.obj", shirt.vertices @ axes.rotation / axes.scale, shirt.faces)
+    with pytest.raises(InputError, match="its file is in other units than the body's: add `unit: cm`"):
+        make_garment(load_body(), TemplateConfig(path=tmp_path / "vest.obj"))
+    config = TemplateConfig(path=tmp_path / "vest.obj", up="z", facing="-y", unit="cm", weld=True)
+    garment = make_garment(load_body(), config)
+    np.testing.assert_allclose(garment.mesh.vertices, shirt.vertices, atol=1e-6)
+    assert garment.mesh.surface is not None
 
 
 def test_a_garment_inside_the_body(body: Mesh) -> None:
