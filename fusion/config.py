@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from render.errors import InputError
 
@@ -26,19 +26,22 @@ class FusionConfig(BaseModel):
         description="`local_global`: quasi-Newton steps around a prefactorised system; `adam`: the paper's schedule.",
     )
     edge_iterations: int = Field(
-        default=12, ge=0, description="Of `local_global`, first stage (edge lengths), at most; 0 skips it."
+        default=100, ge=0, description="Of `local_global`, first stage (edge lengths), at most; 0 skips it."
     )
     normal_iterations: int = Field(
         default=24,
         ge=0,
         description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
     )
-    tolerance: float = Field(
-        default=3e-4,
+    edge_tolerance: float = Field(
+        default=0.02,
         ge=0,
         lt=1,
-        description="Of `local_global`, no unit: a frame is finished when a step lowers its objective by less, "
-        "relative to the objective.",
+        description="Of `local_global`, no unit: the first stage is finished when a step lowers the objective by a "
+        "smaller share of it; much smaller ones draw the cloth to its edges' lengths and away from the maps.",
+    )
+    normal_tolerance: float = Field(
+        default=0.005, ge=0, lt=1, description="Of `local_global`, no unit: the same for the second stage."
     )
     sdf_every_iterations: int = Field(
         default=12, ge=1, description="Of `local_global`: steps between two distance queries."
@@ -118,6 +121,14 @@ class FusionConfig(BaseModel):
     batch_frames: int = Field(
         default=8, ge=1, description="Frames solved together; changes memory and speed, not results."
     )
+
+    @model_validator(mode="after")
+    def _one_order_of_frames(self) -> FusionConfig:
+        if self.warm_start and self.weight_temporal:
+            raise ValueError(
+                "warm_start solves frames one after the other, weight_temporal all at once; set one of them"
+            )
+        return self
 
 
 def load_config(path: Path | str) -> FusionConfig:

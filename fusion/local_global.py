@@ -62,7 +62,8 @@ class LocalGlobalSolver:
 
     def edge_stage(self, problem: Problem) -> Minimum:
         """First stage: L_e + λ_rv L_rv, the displacement over visible vertices only."""
-        return self._descend(problem, self._edge_weights, self._edge_factor, self._config.edge_iterations)
+        limits = self._config.edge_iterations, self._config.edge_tolerance
+        return self._descend(problem, self._edge_weights, self._edge_factor, limits)
 
     def normal_stage(self, problem: Problem) -> Minimum:
         """Second stage, equation 8; vertices are held outside of the obstacle (see `descend`)."""
@@ -76,18 +77,18 @@ class LocalGlobalSolver:
                 margin_m=config.collision_margin_m,
                 every_steps=config.sdf_every_iterations,
             )
-        return self._descend(
-            problem, self._normal_weights, self._normal_factor, config.normal_iterations, contact
-        )
+        limits = config.normal_iterations, config.normal_tolerance
+        return self._descend(problem, self._normal_weights, self._normal_factor, limits, contact)
 
     def _descend(
         self,
         problem: Problem,
         weights: dict[str, float],
         factor: Factor,
-        steps: int,
+        limits: tuple[int, float],
         contact: Contact | None = None,
     ) -> Minimum:
+        """Within at most so many steps, or to a tolerance."""
         share = problem.share
         if share is None:
             share = problem.anchor.new_full((1, problem.anchor.shape[1]), 1 / problem.anchor.shape[1])
@@ -104,8 +105,8 @@ class LocalGlobalSolver:
             energy,
             factor,
             problem.start,
-            steps=steps,
-            tolerance=self._config.tolerance,
+            steps=limits[0],
+            tolerance=limits[1],
             loose=self._loose,
             contact=contact,
         )

@@ -20,6 +20,7 @@ from fusion.factor import Factor
 _PAIRS = 2  # steps remembered; more lower the energy no further in as many steps, and cost
 _SUFFICIENT = 1e-4  # share of the decrease that the gradient promises which a step must reach (Armijo)
 _HALVINGS = 12  # of a step that does not; after the last the frame is finished
+_STEPS_JUDGED = 3  # over which the decrease is averaged: now and then a step is small
 _CURVATURE = 1e-4  # cosine between a step and its change of gradient below which it is not remembered
 
 
@@ -62,7 +63,7 @@ def descend(
         factor: of an estimate of its Hessian, the better the sooner.
         start: (T, N, 3) metres, dtype and device of the energy.
         steps: at most.
-        tolerance: relative decrease of the energy in one step below which a frame is finished.
+        tolerance: mean relative decrease of the energy in a step below which a frame is finished.
         loose: (N,) bool, vertices that may move; None for all.
         contact: the obstacle.
     """
@@ -88,16 +89,20 @@ class _Run:
         contact, at = self._contact, self._at
         at.vertices.copy_(start)
         history = [self._place()]
+        values = [self._value]
         depths = [contact.depth] if contact else []
         for step in range(steps):
             if contact is not None and step and contact.due(step):
                 self._place()
-            before = self._value
+                values = [self._value]
             history.append(self._step())
+            values.append(self._value)
             iterations += self._going
             if contact is not None:
                 depths.append(contact.depth)
-            self._going = self._going & (before - self._value > tolerance * before.abs())
+            if len(values) > _STEPS_JUDGED:
+                before = values[-1 - _STEPS_JUDGED]
+                self._going &= before - self._value > _STEPS_JUDGED * tolerance * before.abs()
             if not bool(self._going.any()):
                 break
         if contact is not None:
@@ -131,7 +136,7 @@ class _Run:
         gradient = self._flat(at.project()).clone()
         shape = at.direction.shape
         direction = self._memory.direction(
-            gradient, lambda rest: self._factor.solve(rest.view(shape)).flatten(1)
+            gradient, lambda rest: self._flat(self._factor.solve(rest.view(shape)))
         )
         at.direction.copy_(direction.view(shape))
         # Projected last, so that it descends whatever walls the remembered steps were taken at.

@@ -50,7 +50,8 @@ def problem(parts, dtype=torch.float64):
     return vertices, anchor, share, target, confidence
 
 
-def expected(parts, vertices, anchor, share, target, confidence):
+def expected(parts, vertices, *rest):
+    anchor, share, target, confidence = rest
     topology, _, shown = parts
     normals = topology.normals(vertices)
     rendered = shown.product(topology.n_vertices)(normals)
@@ -68,9 +69,7 @@ def test_terms_and_gradient_equal_the_losses_in_float64(parts, left_out):
     vertices, *rest = problem(parts)
     anchor, share, target, confidence = rest
     weights = {name: weight for name, weight in WEIGHTS.items() if name != left_out}
-    energy = Energy(
-        parts[1], weights, anchor, share, shown=parts[2], target=target, confidence=confidence
-    )
+    energy = Energy(parts[1], weights, anchor, share, shown=parts[2], target=target, confidence=confidence)
     energy.vertices.copy_(vertices)
     found = dict(zip(TERMS, energy.evaluate().T, strict=True))
     vertices.requires_grad_()

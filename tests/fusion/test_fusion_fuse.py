@@ -72,7 +72,7 @@ def test_each_stage_comes_nearer_to_the_truth(scene, solver, left):
 @pytest.mark.parametrize("solver", ["adam", "local_global"])
 def test_exact_normals_are_met_when_the_edge_term_is_soft(scene, solver):
     edges = fuse(scene["imager"], positions=scene["positions"], config=FusionConfig(solver=solver))
-    soft = FusionConfig(solver=solver, weight_edge=10, normal_iterations=100, tolerance=0.0)
+    soft = FusionConfig(solver=solver, weight_edge=10, normal_iterations=100, normal_tolerance=0.0)
     full = fuse(scene["imager"], positions=scene["positions"], normals=scene["normals"], config=soft)
     assert angle_degrees(full.vertices, scene) < 0.25 * angle_degrees(edges.vertices, scene)
 
