@@ -117,16 +117,33 @@ def _surface(path: Path, lines: _Lines, faces: np.ndarray, n_vertices: int) -> S
 
 
 def _library(path: Path) -> str:
-    """The text of a material library with full paths to those textures that exist; "" where it is missing."""
-    if not path.is_file():
+    """The text of a material library with full paths to those textures that exist; "" where it is missing.
+
+    Only files that are named as libraries are read: an OBJ file may name any file.
+    """
+    if path.suffix.lower() != ".mtl" or not path.is_file():
         return ""
     lines = path.read_text(errors="replace").splitlines()
     return "".join(_with_full_path(line, path.parent) + "\n" for line in lines)
 
 
 def _with_full_path(line: str, folder: Path) -> str:
-    start, _, name = line.rstrip().rpartition(" ")
-    texture = folder / name
-    if start.lstrip().startswith(("map_", "bump", "disp", "norm")) and name and texture.is_file():
-        return f"{start} {texture.resolve()}"
+    keyword, *words = line.split() or [""]
+    if not keyword.startswith(("map_", "bump", "disp", "norm")):
+        return line
+    for start in range(len(words)):  # options come first; a file's name may have spaces
+        texture = folder / " ".join(words[start:])
+        if texture.is_file():
+            return " ".join([keyword, *words[:start], str(texture.resolve())])
     return line
+
+
+def textures(mtl: str, keyword: str = "map_Kd") -> list[str]:
+    """The images that a material library's lines of a keyword name, each once; full paths may have spaces."""
+    found = []
+    for line in mtl.splitlines():
+        first, *words = line.split() or [""]
+        tails = [" ".join(words[start:]) for start in range(len(words))]
+        if first == keyword and words:
+            found.append(next((tail for tail in tails if Path(tail).is_absolute()), words[-1]))
+    return list(dict.fromkeys(found))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
@@ -11,6 +10,7 @@ import numpy as np
 
 from render import InputError, Mesh
 from render.files import written_whole_folder
+from render.objfile import textures
 from render.surface import Surface, plain_surface
 
 MeshKind = Literal["obj", "ply"]
@@ -132,9 +132,3 @@ def _one_uv_a_vertex(surface: Surface) -> np.ndarray | None:
     uvs = np.zeros((len(surface.vertices), 2), np.float32)
     uvs[corner] = surface.uvs[uv]
     return uvs if np.array_equal(uvs[corner], surface.uvs[uv]) else None
-
-
-def textures(mtl: str) -> list[str]:
-    """The images that a material library uses for colour, each once."""
-    found = re.findall(r"^\s*map_Kd\s+(?:.*\s)?(\S+)\s*$", mtl, flags=re.MULTILINE)
-    return list(dict.fromkeys(found))

@@ -11,23 +11,26 @@ from render import InputError
 
 
 def jobs(paths: list[Path], options: Options) -> list[Job]:
-    """One job a clip. Every clip is read once here, so that a bad one stops the import before anything is written.
+    """One job a clip. Every npz is read once here, so that a bad one stops the import before anything is written.
 
-    tshirt_walk.npz becomes tshirt/walk; with `options.garment`, <garment>/tshirt_walk.
+    tshirt_walk.npz becomes tshirt/walk; with `options.garment`, <garment>/tshirt_walk. Clips of a data set keep their
+    names and splits.
 
     Raises:
-        InputError: no such file, a bad clip, or no split given.
+        InputError: no such file, a bad clip, or no split given for npz files.
     """
-    if not options.split:
-        raise InputError(
-            "import clips: clip npz files have no split, each clip needs a split: add --split train or test"
-        )
     found = []
     for path in paths:
         for ref in clip_refs(path):
-            ref.load()
+            split = options.split or ref.split
+            if not split:
+                raise InputError(
+                    f"{path}: npz files have no split, each clip needs a split: add --split train or test"
+                )
+            if ref.split is None:
+                ref.load()
             files = tuple(sorted(path.glob(f"{ref.name}.npz"))) if path.is_dir() else (path,)
-            found.append(Job(_name(ref.name, options.garment), options.split, files, ref.load, marked=False))
+            found.append(Job(_name(ref.name, options.garment), split, files, ref.load, marked=False))
     return found
 
 

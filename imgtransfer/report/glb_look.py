@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from render.objfile import textures
 from render.surface import Surface
 
 _MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}  # what glTF 2.0 admits
@@ -59,8 +60,8 @@ def material(name: str, mtl: str, default: tuple[float, ...]) -> tuple[dict[str,
     text = block[1] if block else ""
     colour = _numbers(text, "Kd", 3)
     opacity = _numbers(text, "d", 1) or [1 - value for value in _numbers(text, "Tr", 1)] or [1.0]
-    image = re.search(r"^\s*map_Kd\s+(?:.*\s)?(\S+)\s*$", text, re.MULTILINE)
-    path = Path(image[1]) if image else None
+    images = textures(text)
+    path = Path(images[0]) if images else None
     if path is not None and (path.suffix.lower() not in _MIME or not path.is_file()):
         path = None
     surface = {

@@ -353,6 +353,11 @@ def test_clips_that_are_there_are_left(
     assert DataSet.open(tmp_path / "other").names("test") == ["shirt/walk"]
 
 
+def test_a_data_set_is_imported_with_its_names_and_splits(tmp_path: Path, welded: Path) -> None:
+    assert main(["import", str(welded), "--to", f"{tmp_path}/copy"]) == 0
+    assert DataSet.open(tmp_path / "copy").names("train") == DataSet.open(welded).names()
+
+
 def glb(path: Path) -> tuple[dict, bytes]:
     content = path.read_bytes()
     length = struct.unpack_from("<I", content, 12)[0]

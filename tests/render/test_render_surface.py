@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from render import InputError, load_mesh
+from render.objfile import textures
 from render.surface import Surface, plain_surface
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -55,6 +56,17 @@ def test_textures_get_full_paths_where_they_exist(tmp_path):
     surface = load_mesh(obj(tmp_path, f"mtllib look.mtl\n{QUAD}usemtl a\nf 1 2 3\n")).surface
     image = (tmp_path / "cloth.png").resolve()
     assert surface.mtl == f"newmtl a\nmap_Kd {image}\nmap_Bump -bm 1 {image}\nmap_Kd gone.png\nKd 1 0 0\n"
+
+
+def test_textures_with_spaces_and_libraries_that_are_none(tmp_path):
+    (tmp_path / "my cloth.png").write_bytes(b"png")
+    (tmp_path / "look.mtl").write_text("newmtl a\nmap_Kd -s 1 1 1 my cloth.png\nmap_Kd other.png\n")
+    (tmp_path / "secret.txt").write_text("not for you")
+    text = f"mtllib look.mtl\nmtllib secret.txt\n{QUAD}usemtl a\nf 1 2 3\n"
+    mtl = load_mesh(obj(tmp_path, text)).surface.mtl
+    assert "not for you" not in mtl  # only material libraries are taken in
+    assert textures(mtl) == [str((tmp_path / "my cloth.png").resolve()), "other.png"]
+    assert textures("") == textures("map_Kd\n") == []
 
 
 @pytest.mark.parametrize(
