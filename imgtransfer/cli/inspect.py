@@ -64,8 +64,8 @@ def _clips(args: argparse.Namespace) -> None:
     facts, rejected = _facts(args.source)
     for key, value in facts.items():
         print(f"{key}: {value}")
-    if rejected:
-        print(f"rejected: {len(rejected)} clips: {', '.join(rejected)}")
+    for name, reason in rejected.items():
+        print(f"rejected {name}: {reason}")
     refs = chosen_refs(args, args.source)
     rows, frames, stills = [], 0, []
     with tqdm(refs, unit="clip", leave=False, delay=2, disable=None) as bar:
@@ -87,18 +87,19 @@ def _clips(args: argparse.Namespace) -> None:
         _page(args, facts, refs)
 
 
-def _facts(source: Path) -> tuple[dict[str, str], list[str]]:
-    """What a data set says of itself, and the clips that it lists as rejected; nothing for clip npz files."""
+def _facts(source: Path) -> tuple[dict[str, str], dict[str, str]]:
+    """What a data set says of itself, and why clips were rejected, by name; nothing for clip npz files."""
     from imgtransfer.data.place import METADATA, place_at  # noqa: PLC0415
     from imgtransfer.data.store import DataSet  # noqa: PLC0415
 
     if source.is_file() or not place_at(source).exists(METADATA):
-        return {}, []
+        return {}, {}
     data = DataSet.open(source)
     told = {
         key: str(data.attributes[key]) for key in ("title", "source", "licence") if data.attributes.get(key)
     }
-    return told | {"schema": f"version {data.attributes['schema_version']}"}, list(data.rejected())
+    rejected = {name: entry["reason"] for name, entry in data.rejected().items()}
+    return told | {"schema": f"version {data.attributes['schema_version']}"}, rejected
 
 
 def _row(clip: Clip, split: str) -> list[str]:

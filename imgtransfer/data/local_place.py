@@ -6,9 +6,10 @@ import errno
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,6 @@ from zarr.storage import LocalStore
 
 from imgtransfer.data.place import METADATA, group_metadata
 from render.files import written_whole
-
-try:
-    from fcntl import LOCK_EX, LOCK_NB, flock
-except ImportError:  # Windows; leftovers are then told by their age alone
-    flock = None  # type: ignore[assignment]
 
 _YOUNG, _OLD = 60.0, 86400.0  # seconds
 
@@ -34,6 +30,9 @@ class LocalPlace:
 
     def read(self, key: str) -> bytes:
         return (self.root / key).read_bytes()
+
+    def read_many(self, keys: Sequence[str]) -> list[bytes]:
+        return [self.read(key) for key in keys]
 
     def write(self, key: str, content: bytes) -> None:
         with written_whole(self.root / key) as temporary:
@@ -109,8 +108,6 @@ def _abandoned(folder: Path) -> bool:
 
 def _lock(handle: int) -> bool:
     """Lock an open folder; False where the file system cannot (NFS). Raises BlockingIOError if another has it."""
-    if flock is None:
-        return False
     try:
         flock(handle, LOCK_EX | LOCK_NB)
     except BlockingIOError:

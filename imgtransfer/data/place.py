@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,6 +19,10 @@ class Place(Protocol):
 
     def read(self, key: str) -> bytes:
         """The content of a file. Raises OSError where there is none."""
+        ...
+
+    def read_many(self, keys: Sequence[str]) -> list[bytes]:
+        """The contents of files, fetched at once where that is faster. Raises OSError where one is missing."""
         ...
 
     def write(self, key: str, content: bytes) -> None:

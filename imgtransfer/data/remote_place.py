@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -45,6 +45,11 @@ class RemotePlace:
 
     def read(self, key: str) -> bytes:
         return self.filesystem.cat_file(self._path(key))
+
+    def read_many(self, keys: Sequence[str]) -> list[bytes]:
+        paths = [self._path(key) for key in keys]
+        found = self.filesystem.cat(paths) if paths else {}
+        return [found[path] for path in paths]
 
     def write(self, key: str, content: bytes) -> None:
         self._check_writable()

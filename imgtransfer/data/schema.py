@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import re
+from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -49,11 +50,24 @@ def read_attributes(place: Place, key: str, where: str) -> dict[str, Any]:
     Args:
         key: of the group, "" for the root. where: path or URL of the data set, for messages.
     """
-    file = f"{key}/{METADATA}" if key else METADATA
+    return read_all_attributes(place, [key], where)[0]
+
+
+def read_all_attributes(place: Place, keys: Sequence[str], where: str) -> list[dict[str, Any]]:
+    """`read_attributes` of many groups, fetched together."""
+    files = [f"{key}/{METADATA}" if key else METADATA for key in keys]
     try:
-        return dict(json.loads(place.read(file))["attributes"])
-    except (ValueError, KeyError, TypeError, OSError) as error:
-        raise InputError(f"{where}/{file}: not the metadata of a Zarr v3 group ({error})") from error
+        contents = place.read_many(files)
+    except OSError as error:
+        raise InputError(f"{where}: metadata cannot be read ({error})") from error
+    return [_attributes(content, f"{where}/{file}") for file, content in zip(files, contents, strict=True)]
+
+
+def _attributes(content: bytes, where: str) -> dict[str, Any]:
+    try:
+        return dict(json.loads(content)["attributes"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{where}: not the metadata of a Zarr v3 group ({error})") from error
 
 
 def check_root(attributes: dict[str, Any], where: str) -> None:

@@ -66,7 +66,7 @@ def clip_refs(
     """
     if as_url(source) is not None or (Path(source) / METADATA).is_file() or place_at(source).exists(METADATA):
         data = DataSet.open(source)
-        splits = {name: data.split(name) for name in data.names()}
+        splits = data.splits()
         taken = [name for name, of in splits.items() if split in (None, of)]
         chosen = _choose(source, list(splits), taken, names, exclude, split)
         return [ClipRef(source, name, splits[name]) for name in chosen]

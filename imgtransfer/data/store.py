@@ -20,6 +20,7 @@ from imgtransfer.data.schema import (
     SCHEMA_VERSION,
     check_name,
     check_root,
+    read_all_attributes,
     read_attributes,
     versions,
 )
@@ -95,13 +96,27 @@ class DataSet:
         cls, path: str | Path, *, title: str = "", licence: str = "", source: str = ""
     ) -> DataSet:
         """`create` where nothing stands at `path`, else `open`."""
-        if place_at(path).empty():
+        place = place_at(path)
+        if not place.empty():
+            return cls.open(path)
+        try:
             return cls.create(path, title=title, licence=licence, source=source)
-        return cls.open(path)
+        except InputError:
+            if place.exists(METADATA):  # another process has just made it
+                return cls.open(path)
+            raise
 
     def names(self, split: str | None = None) -> list[str]:
         """Names of the clips, "<garment>/<clip>", sorted; only those of `split` where one is given."""
-        return [name for name in self.place.groups(2) if split is None or self.split(name) == split]
+        if split is None:
+            return self.place.groups(2)
+        return [name for name, its in self.splits().items() if its == split]
+
+    def splits(self) -> dict[str, str]:
+        """The split of every clip, by name, sorted."""
+        names = self.place.groups(2)
+        found = read_all_attributes(self.place, names, str(self.path))
+        return {name: str(attributes["split"]) for name, attributes in zip(names, found, strict=True)}
 
     def clip_attributes(self, name: str) -> dict[str, Any]:
         """Attributes of one clip, see the class.

@@ -54,6 +54,7 @@ def test_object_storage_holds_what_a_folder_holds(memory: str, tube_clip: Clip) 
     assert again.attributes["title"] == "tubes"
     assert (again.names(), again.names("test")) == (["tube/bend", "tube/short"], ["tube/short"])
     assert_same_clip(again.read("tube/bend"), tube_clip)
+    assert again.splits() == {"tube/bend": "train", "tube/short": "test"}
     assert list(again.rejected()) == ["tube/bad"]
     assert [clip.name for clip in open_clips(memory, split="train")] == ["tube/bend"]
 
