@@ -25,6 +25,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 import torch
@@ -128,9 +129,11 @@ def garment(made: Scene, *, rounds: int, steps: int = 100) -> dict[str, float]:
     """One garment's section."""
     configs = {name: solver_config(name, steps=steps) for name in SOLVERS}
     results: dict[str, FusionResult] = {}
+    stages: dict[str, list[dict[str, float]]] = {name: [] for name in SOLVERS}
 
     def fused(name: str) -> None:
         results[name] = made.fuse(configs[name])
+        stages[name].append(results[name].report["stage_seconds"])
 
     times = interleaved({name: lambda name=name: fused(name) for name in SOLVERS}, rounds=rounds)  # type: ignore[misc]
     frames, mesh = len(made.truth), made.imager.mesh
@@ -155,7 +158,8 @@ def garment(made: Scene, *, rounds: int, steps: int = 100) -> dict[str, float]:
         found[f"{name}_normal_degrees"] = normal_degrees(result.vertices, made)
         found[f"{name}_penetration_percent"] = penetration_percent(result.vertices, made)
         found |= {f"{name}_loss_{key}": value for key, value in losses(result, configs[name]).items()}
-        for stage, seconds in result.report["stage_seconds"].items():
+        for stage in stages[name][0]:
+            seconds = median(spent[stage] for spent in stages[name])
             found[f"{name}_seconds_{stage}"] = seconds / (1 if stage == "setup" else frames)
     for key, measured in (("rmse_ratio", "rmse_mm"), ("normal_error_ratio", "normal_degrees")):
         found[key] = found[f"local_global_{measured}"] / found[f"adam_{measured}"]
