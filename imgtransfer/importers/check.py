@@ -2,39 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import product
-from typing import Literal
 
 import numpy as np
 import torch
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from fusion import BodySdf
-from imgtransfer.data.clip import Clip
 from imgtransfer.importers.axes import AXES, UNITS, Axes, guess_axes, likely_unit
-from imgtransfer.importers.weld import seam_groups
-from render import InputError, Mesh, vertex_normals
+from imgtransfer.importers.findings import Finding, Say, as_flag
+from imgtransfer.importers.topology import check_topology
+from render import Mesh, vertex_normals
 
-Kind = Literal["unit", "axes", "apart", "inside", "inside_out", "seams", "pieces", "unused", "edges"]
-Say = Callable[[str, str], str]  # an option's name and value -> what messages call it
 DEEP = 0.005  # metres inside the body from which on a garment cannot be worn as it is
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that is wrong. `text` says what and how to mend it; `severe` stops the work unless told otherwise."""
-
-    kind: Kind
-    text: str
-    severe: bool
-
-
-def as_flag(name: str, value: str) -> str:
-    """An option as the command line has it; those without a value are switches."""
-    return f"--{name}={value}" if value else f"--{name}"
 
 
 def check_template(
@@ -66,26 +45,6 @@ def check_template(
     if not found:
         found += _place(garment, body, garment_given, say)
     return found + check_topology(garment, welding=welding, say=say)
-
-
-def refuse(
-    findings: Sequence[Finding], *, anyway: bool = False, hint: str = " (--anyway goes on all the same)"
-) -> list[str]:
-    """Stop at severe findings.
-
-    Args:
-        anyway: go on all the same. hint: what the message ends with.
-
-    Returns:
-        The texts of what does not stop the work, for the user to read.
-
-    Raises:
-        InputError: something severe; the message has all of it.
-    """
-    severe = [] if anyway else [finding.text for finding in findings if finding.severe]
-    if severe:
-        raise InputError(f"{'; '.join(severe)}{hint}")
-    return [finding.text for finding in findings]
 
 
 def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes, say: Say) -> list[Finding]:
@@ -177,76 +136,7 @@ def _turn(garment: Mesh, sdf: BodySdf, given: Axes, say: Say) -> str:
     return f"its axes are other ones than the body's: add {min(fitting)[1]}" if fitting else ""
 
 
-def check_worn(clip: Clip, source: str, *, hint: str) -> None:
-    """Check that the garment is on the body in the first, middle and last frame.
-
-    Args:
-        source: what the message calls the clip. hint: what the user may look at.
-
-    Raises:
-        InputError: it is beside the body, or most of it inside.
-    """
-    if clip.garment_vertices is None:
-        return
-    sdf = BodySdf(clip.body_faces, len(clip.body_rest))
-    for frame in sorted({0, clip.n_frames // 2, clip.n_frames - 1}):
-        sdf.update(clip.body_vertices[frame])
-        distance = sdf.distance(torch.from_numpy(clip.garment_vertices[frame])).numpy()
-        inside, apart = float((distance < -0.001).mean()), float(np.median(distance))
-        if inside > 0.5 or apart > 0.4:
-            what = (
-                f"{100 * inside:.0f} % of it inside"
-                if inside > 0.5
-                else f"half of it more than {apart:.2f} m away"
-            )
-            raise InputError(f"{source}: the garment is not on the body in frame {frame}, {what}; {hint}")
-
-
 def _volume(mesh: Mesh) -> float:
     """Signed volume, positive where triangles are counter-clockwise from outside."""
     a, b, c = np.moveaxis((mesh.vertices - mesh.vertices.mean(0))[mesh.faces], 1, 0)
     return float((a * np.cross(b, c)).sum() / 6)
-
-
-def check_topology(garment: Mesh, *, welding: bool = False, say: Say = as_flag) -> list[Finding]:
-    """Check a garment's connectivity: seams that were split, loose pieces, vertices and edges that do no work.
-
-    Args:
-        garment: metres. welding: whether seams will be welded, so that they are no fault.
-        say: how messages name an option and its value.
-    """
-    found = []
-    first, count = seam_groups(garment), len(garment.vertices)
-    joined = count - len(np.unique(first))
-    if joined and not welding:
-        text = f"{garment.source}: {joined} of {count} vertices lie on others, where seams were split (by texture "
-        text += f"coordinates or panels); cloth would come apart there: add {say('weld', '')}"
-        found.append(Finding("seams", text, True))
-    faces = first[garment.faces]
-    used = np.zeros(count, bool)
-    used[garment.faces] = True
-    pieces = _pieces(faces, count, np.unique(faces))
-    if len(pieces) > 1:
-        sizes = ", ".join(str(size) for size in pieces[:5]) + (" ..." if len(pieces) > 5 else "")
-        text = f"{garment.source}: {len(pieces)} separate pieces ({sizes} vertices); they are taken as one garment"
-        found.append(Finding("pieces", text, False))
-    if not used.all():
-        text = f"{garment.source}: {(~used).sum()} vertices belong to no triangle (vertex {int(np.argmin(used))} first)"
-        found.append(Finding("unused", f"{text}; nothing can be recovered for them: delete them", False))
-    halves = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    _, uses = np.unique(halves[halves[:, 0] != halves[:, 1]], axis=0, return_counts=True)
-    if (uses > 2).any():
-        text = (
-            f"{garment.source}: {(uses > 2).sum()} edges have three or more triangles; cloth has one or two"
-        )
-        found.append(Finding("edges", text, False))
-    return found
-
-
-def _pieces(faces: np.ndarray, count: int, used: np.ndarray) -> list[int]:
-    """Sizes of the connected pieces, in vertices, largest first; vertices without triangles are left out."""
-    start, end = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    _, label = connected_components(
-        coo_array((np.ones(len(start)), (start, end)), shape=(count, count)), directed=False
-    )
-    return sorted(np.bincount(label[used]).tolist(), reverse=True)[: len(np.unique(label[used]))]

@@ -23,10 +23,10 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.caches import read_cache
-from imgtransfer.importers.check import check_worn
 from imgtransfer.importers.files import check_data_file, check_shape, natural_sort
 from imgtransfer.importers.job import Job, Options, clip_name
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
+from imgtransfer.importers.worn import check_worn
 from render import InputError, load_mesh
 
 FPS = 30.0

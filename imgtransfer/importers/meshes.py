@@ -18,35 +18,18 @@ from tqdm import tqdm
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.axes import Axes
 from imgtransfer.importers.caches import SUFFIXES as CACHES
-from imgtransfer.importers.check import check_template, check_worn, refuse
+from imgtransfer.importers.check import check_template
 from imgtransfer.importers.files import natural_sort
-from imgtransfer.importers.frames import MESHES, MovingMesh, frame_files, read_moving_mesh
+from imgtransfer.importers.findings import refuse
+from imgtransfer.importers.frames import MovingMesh, frame_files, read_moving_mesh
 from imgtransfer.importers.job import Job, Options, clip_name
+from imgtransfer.importers.mesh_files import Source, check_frames, find_source, moving_in
 from imgtransfer.importers.weld import weld, weld_motion
+from imgtransfer.importers.worn import check_worn
 from render import InputError, Mesh, load_mesh
 from render.mesh import check_finite
-from render.meshio import SUFFIXES as SINGLE
 
 FPS = 30.0
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where one clip comes from: moving meshes, and meshes in the rest pose (None takes the first frame)."""
-
-    garment: Path
-    body: Path
-    template: Path | None
-    body_rest: Path | None
-
-    def files(self) -> tuple[Path, ...]:
-        """Every file that is read."""
-        frames = [
-            file
-            for moving in (self.garment, self.body)
-            for file in ([moving] if moving.suffix.lower() in CACHES else frame_files(moving))
-        ]
-        return (*frames, *(file for file in (self.template, self.body_rest) if file is not None))
 
 
 def jobs(paths: list[Path], options: Options) -> list[Job]:
@@ -61,7 +44,7 @@ def jobs(paths: list[Path], options: Options) -> list[Job]:
     for path in paths:
         entries = natural_sort(path.iterdir()) if path.is_dir() else []
         inner = [entry for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
-        several = _moving(path, "body") is None and any(_moving(entry, "body") for entry in inner)
+        several = moving_in(path, "body") is None and any(moving_in(entry, "body") for entry in inner)
         folders += inner if several else [path]
     return [job_of(folder.resolve().name, find_source(folder, options), options) for folder in folders]
 
@@ -82,48 +65,6 @@ def job_of(name: str, source: Source, options: Options) -> Job:
     return Job(
         clip_name(options.garment or "garment", name), options.split, files, lambda: _clip(source, options)
     )
-
-
-def find_source(folder: Path, options: Options) -> Source:
-    """The files of one clip in its folder; `options.template` and `options.body_rest` come before what is there.
-
-    Raises:
-        InputError: no such folder, or no garment or body in it.
-    """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; one with garment and body frames is wanted")
-    garment, body = (_moving(folder, what) for what in ("garment", "body"))
-    for what, found in (("garment", garment), ("body", body)):
-        if found is None:
-            raise InputError(
-                f"{folder}: no {what} in it; wanted is a folder {what}/ of OBJ or PLY frames, frames "
-                f"{what}_0000.obj and so on, or a point cache {what}.pc2 (.mdd, .pc16)"
-            )
-    assert garment is not None
-    assert body is not None
-    return Source(
-        garment,
-        body,
-        options.template or _single(folder, "template"),
-        options.body_rest or _single(folder, "body_rest"),
-    )
-
-
-def _moving(folder: Path, what: str) -> Path | None:
-    if (folder / what).is_dir():
-        return folder / what
-    for suffix in CACHES:
-        if (folder / f"{what}{suffix}").is_file():
-            return folder / f"{what}{suffix}"
-    for suffix in MESHES:
-        if any(folder.glob(f"{what}*[0-9]{suffix}")):
-            return folder / f"{what}*[0-9]{suffix}"
-    return None
-
-
-def _single(folder: Path, what: str) -> Path | None:
-    places = [place / f"{what}{suffix}" for place in (folder, folder.resolve().parent) for suffix in SINGLE]
-    return next((place for place in places if place.is_file()), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +90,7 @@ def _prepare(source: Source, options: Options, *, say: bool) -> _Ready:
                 f"{first.source}: {len(first.vertices)} vertices, {len(first.faces)} triangles, but {rest.source} has "
                 f"{len(rest.vertices)} and {len(rest.faces)}, or others; the rest pose must be the {what}'s own mesh"
             )
-    _check_frames(source)
+    check_frames(source)
     ready = _Ready(
         garment,
         body,
@@ -168,18 +109,6 @@ def _prepare(source: Source, options: Options, *, say: bool) -> _Ready:
         if say:
             print(f"note: {text}", file=sys.stderr)
     return ready
-
-
-def _check_frames(source: Source) -> None:
-    """Compare the frames' files before any is read; caches are compared when they are read."""
-    if any(moving.suffix.lower() in CACHES for moving in (source.garment, source.body)):
-        return
-    garment, body = frame_files(source.garment), frame_files(source.body)
-    if len(garment) != len(body):
-        raise InputError(
-            f"{source.garment}: {len(garment)} frames ({garment[0].name} to {garment[-1].name}), but {source.body} has "
-            f"{len(body)} ({body[0].name} to {body[-1].name}); both must have the same frames"
-        )
 
 
 def _first(moving: Path, rest: Path | None) -> Mesh:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_array, csr_array
 
-from imgtransfer.importers.pickles import Maker, Stored, load_pickle
+from imgtransfer.importers.pickle_parts import Maker, Stored
+from imgtransfer.importers.pickles import load_pickle
 
 
 def load_model_pickle(path: str | Path) -> Any:

@@ -1,20 +1,18 @@
 """Pickle files of public data sets, read without running anything that they ask for.
 
-A pickle is a program: it names functions and calls them. Here every name is looked up in a short table of stand-ins
-that build NumPy arrays and plain containers; any other name stops the reading. No class or function of NumPy itself
-is handed out, because several of them (`numpy.load`, helpers of `numpy.testing`) can be made to run code.
+A pickle is a program: it names functions and calls them. Here every name is looked up in the short
+table of stand-ins of `pickle_parts`; any other name stops the reading.
 """
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import numpy as np
-
 from imgtransfer.importers.files import check_data_file
+from imgtransfer.importers.pickle_parts import NAMES, RefusedError, as_plain
 from render import InputError
 
 
@@ -34,8 +32,8 @@ def load_pickle(path: str | Path, *, extra: Mapping[str, object] | None = None) 
     check_data_file(path, "a pickle (.pkl)")
     with path.open("rb") as file:
         try:
-            return _plain(_Unpickler(file, extra or {}).load(), {})
-        except _RefusedError as error:
+            return as_plain(_Unpickler(file, extra or {}).load(), {})
+        except RefusedError as error:
             raise InputError(f"{path}: {error}") from None
         except (MemoryError, KeyboardInterrupt):
             raise
@@ -44,150 +42,10 @@ def load_pickle(path: str | Path, *, extra: Mapping[str, object] | None = None) 
             raise InputError(f"{path}: not a whole pickle file, perhaps truncated ({what})") from error
 
 
-class _RefusedError(Exception):
-    """The pickle asks for something that data does not need."""
-
-
-class Maker:
-    """A function for the unpickler to call, which cannot be changed by it."""
-
-    __slots__ = ("_make",)
-
-    def __init__(self, make: Callable[..., Any]) -> None:
-        self._make = make
-
-    def __call__(self, *args: Any) -> Any:
-        return self._make(*args)
-
-    def __setstate__(self, state: object) -> None:
-        raise _RefusedError("changes the functions that read it; it is not a data file")
-
-
-class Stored:
-    """An object of another library, of which only the state is read; a subclass says what array it stands for."""
-
-    __slots__ = ("state",)
-    state: dict[str, Any]
-
-    def __new__(cls, *_: object) -> Stored:
-        """Take whatever the pickle gives, and use none of it."""
-        made = super().__new__(cls)
-        made.state = {}
-        return made
-
-    def __setstate__(self, state: object) -> None:
-        if not isinstance(state, dict):
-            raise _RefusedError(f"holds a {type(self).__name__} without its values")
-        self.state = state
-
-    def plain(self, plain: Callable[[Any], Any]) -> np.ndarray | None:
-        """The array, None where it is not known; `plain` turns what is stored in it into arrays first."""
-        return None
-
-
-class _DType:
-    """`numpy.dtype` under construction: the name, then the byte order by `__setstate__`."""
-
-    __slots__ = ("value",)
-
-    def __init__(self, name: object, *_: object) -> None:
-        if not isinstance(name, str):
-            raise _RefusedError(f"holds arrays of type {name!r}, wanted are numbers and text")
-        self.value = np.dtype(name)
-        if self.value.hasobject and self.value != np.dtype("O"):
-            raise _RefusedError(f"holds arrays of type {name!r}, wanted are numbers and text")
-
-    def __setstate__(self, state: tuple) -> None:
-        if len(state) < 4 or state[2] is not None or state[3] is not None:
-            raise _RefusedError("holds structured arrays; wanted are plain ones")
-        if state[1] in ("<", ">"):
-            self.value = self.value.newbyteorder(state[1])
-
-
-class _Array:
-    """`numpy.ndarray` under construction, filled by `__setstate__`."""
-
-    __slots__ = ("value",)
-
-    def __init__(self, value: np.ndarray | None = None) -> None:
-        self.value = value
-
-    def __setstate__(self, state: tuple) -> None:
-        shape, dtype, fortran, content = state[-4:]
-        self.value = _filled(shape, dtype, "F" if fortran else "C", content)
-
-
-def _filled(shape: object, dtype: object, order: str, content: object) -> np.ndarray:
-    """An array of `shape` from bytes, or from a list where its elements are objects."""
-    if not isinstance(dtype, _DType) or not isinstance(shape, tuple):
-        raise _RefusedError("holds an array without a plain type or shape")
-    if dtype.value.hasobject:
-        if not isinstance(content, list):
-            raise _RefusedError("holds an object array that is no list")
-        entries = np.empty(len(content), object)
-        entries[:] = content
-        return entries.reshape(shape, order="F" if order == "F" else "C")
-    if isinstance(content, str):  # the bytes of Python 2
-        content = content.encode("latin1")
-    if not isinstance(content, bytes | bytearray):
-        raise _RefusedError("holds an array whose content is no bytes")
-    values = np.frombuffer(content, dtype.value).reshape(shape, order="F" if order == "F" else "C")
-    return np.array(values, dtype.value.newbyteorder("="))
-
-
-def _empty_array(kind: object, *_: object) -> _Array:
-    if kind is not _NDARRAY:
-        raise _RefusedError("holds an array of an unknown class")
-    return _Array()
-
-
-def _from_buffer(content: object, dtype: object, shape: object, order: object = "C") -> _Array:
-    return _Array(_filled(shape, dtype, str(order), content))
-
-
-def _scalar(dtype: object, content: object = b"") -> Any:
-    if isinstance(dtype, _DType) and dtype.value.hasobject:
-        raise _RefusedError("holds a scalar of type object")
-    return _filled((), dtype, "C", content)[()]
-
-
-def _encoded(text: str, encoding: str) -> bytes:
-    if encoding not in ("latin1", "latin-1"):
-        raise _RefusedError(f"holds bytes written as {encoding}")
-    return text.encode("latin1")
-
-
-_NDARRAY = Maker(lambda *_: _Array())
-_BUILTINS: dict[str, Callable[..., Any]] = {
-    "set": set,
-    "frozenset": frozenset,
-    "complex": complex,
-    "bytes": lambda: b"",
-}
-_ARRAYS: dict[str, Callable[..., Any]] = {
-    "multiarray._reconstruct": _empty_array,
-    "multiarray.scalar": _scalar,
-    "numeric._frombuffer": _from_buffer,
-}
-_NAMES = {
-    "numpy.ndarray": _NDARRAY,
-    "numpy.dtype": Maker(_DType),
-    "_codecs.encode": Maker(_encoded),
-    "collections.OrderedDict": Maker(dict),
-    # Python 3 and 2, and NumPy from version 2 on and before.
-    **{
-        f"{where}.{name}": Maker(make)
-        for where in ("builtins", "__builtin__")
-        for name, make in _BUILTINS.items()
-    },
-    **{f"numpy.{core}.{name}": Maker(make) for core in ("_core", "core") for name, make in _ARRAYS.items()},
-}
-
-
 class _Unpickler(pickle.Unpickler):
     def __init__(self, file: BinaryIO, extra: Mapping[str, object]) -> None:
         super().__init__(file, encoding="latin1")
-        self.names = {**_NAMES, **extra}
+        self.names = {**NAMES, **extra}
 
     def find_class(self, module: str, name: str) -> Any:
         package = module.partition(".")[0]
@@ -195,44 +53,15 @@ class _Unpickler(pickle.Unpickler):
         if found is not None:
             return found
         if package == "chumpy":
-            raise _RefusedError(
+            raise RefusedError(
                 "holds chumpy objects, as files of the SMPL model do; data sets do not need them. If it is the "
                 "body model, give its folder by --smpl"
             )
         if package == "scipy":
-            raise _RefusedError(
+            raise RefusedError(
                 f"holds {module}.{name}, a sparse matrix; store it as a plain array (.toarray()) first"
             )
-        raise _RefusedError(
+        raise RefusedError(
             f"asks for {module}.{name}, which no data file needs; it was not run. Wanted are NumPy arrays and plain "
             "dicts, lists, numbers and text"
         )
-
-
-def _plain(value: Any, done: dict[int, Any]) -> Any:
-    """Replace what is under construction by arrays, all the way down; each object once."""
-    if isinstance(value, _Array):
-        if value.value is None:
-            raise ValueError("an array without content")
-        if value.value.dtype == object:
-            flat = [_plain(entry, done) for entry in value.value.reshape(-1).tolist()]
-            return _filled(value.value.shape, _DType("O"), "C", flat)
-        return value.value
-    if isinstance(value, _DType):
-        return value.value
-    if isinstance(value, Stored):
-        return value.plain(lambda entry: _plain(entry, done))
-    if isinstance(value, Maker | type):
-        raise _RefusedError("holds a function, not data")
-    if isinstance(value, dict | list | tuple | set | frozenset):
-        if id(value) not in done:
-            done[id(value)] = value  # against endless loops: a container inside itself stays as it is
-            done[id(value)] = _plain_container(value, done)
-        return done[id(value)]
-    return value
-
-
-def _plain_container(value: Any, done: dict[int, Any]) -> Any:
-    if isinstance(value, dict):
-        return {_plain(key, done): _plain(entry, done) for key, entry in value.items()}
-    return type(value)(_plain(entry, done) for entry in value)

@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from imgtransfer.data.clip import Clip
-from imgtransfer.importers.check import check_worn
 from imgtransfer.importers.files import check_shape, load_array, load_arrays, natural_sort
 from imgtransfer.importers.job import Job, Options, clip_name
 from imgtransfer.importers.pickles import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, skinned, smpl_body
+from imgtransfer.importers.worn import check_worn
 from render import InputError
 from render.mesh import check_faces
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from imgtransfer.importers.axes import Axes
-from imgtransfer.importers.check import check_template, refuse
+from imgtransfer.importers.check import check_template
+from imgtransfer.importers.findings import refuse
 from imgtransfer.importers.weld import weld
 from render import Mesh, load_mesh
 

@@ -22,10 +22,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
-from imgtransfer.importers.check import check_worn
 from imgtransfer.importers.files import check_shape, load_arrays, natural_sort
 from imgtransfer.importers.job import Job, Options, clip_name
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
+from imgtransfer.importers.worn import check_worn
 from render import InputError, Mesh, load_mesh
 
 FPS = 30.0

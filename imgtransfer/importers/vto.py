@@ -22,11 +22,11 @@ import torch
 
 from fusion import BodySdf
 from imgtransfer.data.clip import Clip
-from imgtransfer.importers.check import check_worn
 from imgtransfer.importers.files import check_shape, natural_sort
 from imgtransfer.importers.job import Job, Options, clip_name
 from imgtransfer.importers.pickles import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
+from imgtransfer.importers.worn import check_worn
 from render import InputError, Mesh, load_mesh
 
 TEST = ("01_01", "111_02", "55_27", "91_36")

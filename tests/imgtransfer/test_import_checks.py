@@ -15,9 +15,11 @@ from imgtransfer.bodies.anny import load_body
 from imgtransfer.garments.config import TemplateConfig
 from imgtransfer.garments.garment import make_garment
 from imgtransfer.importers.axes import AXES, UNITS, Axes, guess_axes, likely_unit
-from imgtransfer.importers.check import check_template, check_topology, refuse
+from imgtransfer.importers.check import check_template
+from imgtransfer.importers.findings import refuse
 from imgtransfer.importers.frames import frame_files, read_moving_mesh
 from imgtransfer.importers.template import load_template
+from imgtransfer.importers.topology import check_topology
 from imgtransfer.importers.weld import weld, weld_motion
 from render import InputError, Mesh
 from render.surface import Surface
