@@ -21,21 +21,21 @@ def test_coverage_by_hand():
 
 def sleeved() -> Mesh:
     """A trunk and two sleeves that hang close beside it, as in a T-shirt's rest pose with the arms down."""
-    trunk = tube(around=80, along=40)
+    trunk = tube(around=48, along=24)
     sleeve = trunk.vertices * [0.3, 0.5, 0.5]
     vertices = [trunk.vertices, np.add(sleeve, [0.36, 0.1, 0]), np.add(sleeve, [-0.36, 0.1, 0])]
     faces = [trunk.faces + k * len(trunk.vertices) for k in range(3)]
     return Mesh(np.concatenate(vertices), np.concatenate(faces))
 
 
-@pytest.mark.parametrize("mesh", [tube(), sleeved()], ids=["tube", "sleeved"])
-def test_views_and_layers_add_up(mesh):
-    front_and_back = Coverage.of(TemplateImager.build(mesh, layers=4))
-    four = Coverage.of(TemplateImager.build(mesh, views="four", layers=2))
-    assert 0.8 < front_and_back.together[0] < four.together[0]
-    assert list(front_and_back.together) == sorted(front_and_back.together)
-    assert four.together[0] >= 0.995 if mesh.source == "tube" else four.together[0] > 0.95
-    assert four.together[1] >= 0.995
+@pytest.mark.parametrize(("mesh", "by_four"), [(tube(), 0.999), (sleeved(), 0.97)], ids=["tube", "sleeved"])
+def test_views_and_layers_add_up(mesh, by_four):
+    front_and_back = Coverage.of(TemplateImager.build(mesh, layers=4)).together
+    four = Coverage.of(TemplateImager.build(mesh, views="four", layers=2)).together
+    assert 0.8 < front_and_back[0] < four[0]
+    assert list(front_and_back) == sorted(front_and_back)
+    assert four[0] >= by_four
+    assert min(front_and_back[-1], four[1]) >= 0.995
 
 
 @pytest.mark.skipif(

@@ -260,14 +260,14 @@ def test_images_of_any_size(size, backend):
 
 
 def test_many_garments_in_one_process():
-    meshes = [random_soup(seed, 30 + seed, 20 + 3 * seed) for seed in range(25)]
-    sizes = [(16 + 7 * k, 90 - 3 * k) for k in range(25)]
+    meshes = [random_soup(seed, 30 + seed, 20 + 3 * seed) for seed in range(12)]
+    sizes = [(16 + 7 * k, 90 - 3 * k) for k in range(12)]
 
     def all_of_them(order):
         return {k: rasterize(meshes[k], frame_cameras(meshes[k], size=sizes[k])).face_id for k in order}
 
-    once, again = all_of_them(range(25)), all_of_them(reversed(range(25)))
-    for k in range(25):
+    once, again = all_of_them(range(12)), all_of_them(reversed(range(12)))
+    for k in range(12):
         np.testing.assert_array_equal(once[k], again[k])
 
 
