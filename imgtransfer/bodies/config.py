@@ -37,6 +37,11 @@ class AnnyConfig(BaseModel):
         changed = {} if self.shape is None else self.shape.model_dump(exclude_defaults=True)
         return "-".join(f"{name}{round(100 * value)}" for name, value in changed.items())
 
+    @property
+    def reference(self) -> AnnyConfig:
+        """The same body in its default shape."""
+        return AnnyConfig()
+
 
 class SmplConfig(BaseModel):
     """A SMPL body from the user's own model files."""
@@ -52,6 +57,11 @@ class SmplConfig(BaseModel):
     def title(self) -> str:
         """A short name for clips and messages."""
         return "-".join([self.path.stem, *(f"{beta:g}" for beta in self.betas)])
+
+    @property
+    def reference(self) -> SmplConfig:
+        """The same body in its default shape."""
+        return self.model_copy(update={"betas": ()})
 
 
 def _kind(value: Any) -> str:

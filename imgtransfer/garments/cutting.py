@@ -61,7 +61,7 @@ def without_pinches(mesh: Mesh) -> Mesh:
         pinched = np.flatnonzero(np.bincount(starts, minlength=len(mesh.vertices)) > 1)
         if not len(pinched):
             return mesh
-        drop = np.concatenate([_smaller_fans(mesh.faces, vertex) for vertex in pinched])
+        drop = np.concatenate([_smaller_fans(mesh.faces, int(vertex)) for vertex in pinched])
         mesh = without_unused(Mesh(mesh.vertices, np.delete(mesh.faces, drop, axis=0), mesh.source))
 
 

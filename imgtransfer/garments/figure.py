@@ -4,25 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from imgtransfer.bodies.skinned import SkinnedBody
 from imgtransfer.bodies.smpl import INDEX
+from imgtransfer.garments.limbs import ARM_RADIUS, along_chain, on_arms
 from render import InputError
 
 _SIDES = ("left", "right")
 _HAND = 0.2  # metres from the wrist past the fingertips
-# Chains of joints with a typical radius of the limb, metres, by which a vertex is told to belong to an arm or not.
-_TRUNK = (
-    (("pelvis", "spine1", "spine2", "spine3", "neck", "head"), 0.11),
-    *(((f"{side}_hip", f"{side}_knee", f"{side}_ankle", f"{side}_foot"), 0.06) for side in _SIDES),
-    *((("pelvis", f"{side}_hip"), 0.11) for side in _SIDES),
-    *((("spine3", f"{side}_collar", f"{side}_shoulder"), 0.06) for side in _SIDES),
-)
-_ARM_RADIUS = 0.045
 _SLICE = 0.01  # metres, height of a section
 _SAMPLES = 5  # subdivisions of a body face's edge when sections are measured
 ANGLES = np.linspace(0, 2 * np.pi, 64, endpoint=False)
@@ -82,23 +74,18 @@ class Figure:
             end, along = self.sleeve_end(side, share)
             arm = self.arm(side)
             lengths = np.linalg.norm(np.diff(arm, axis=0), axis=1)
-            position, offset, _ = _along_chain(arm, self.vertices)
+            position, offset, _ = along_chain(arm, self.vertices)
             beyond = self._on_arm & (np.sign(vertices[:, 0] - self.joint("pelvis")[0]) == np.sign(along[0]))
             beyond &= position > share * lengths[:2].sum()
             flat = offset[beyond] - (offset[beyond] @ along)[:, None] * along
             wide = np.linalg.norm(flat, axis=1, keepdims=True)
-            vertices[beyond] = end + flat * np.minimum(1, _ARM_RADIUS / np.maximum(wide, 1e-9))
+            vertices[beyond] = end + flat * np.minimum(1, ARM_RADIUS / np.maximum(wide, 1e-9))
         return vertices
 
     @cached_property
     def _on_arm(self) -> np.ndarray:
         """(B,) bool, vertices nearer to an arm than to trunk, head or legs."""
-        trunk = [
-            _along_chain(np.stack([self.joint(name) for name in chain]), self.vertices)[2] - radius
-            for chain, radius in _TRUNK
-        ]
-        arms = [_along_chain(self.arm(side), self.vertices)[2] - _ARM_RADIUS for side in _SIDES]
-        return np.min(arms, axis=0) < np.min(trunk, axis=0)
+        return on_arms(self.vertices, self.joints, [self.arm(side) for side in _SIDES])
 
     def nearer_to_arm(self, points: np.ndarray, side: str) -> np.ndarray:
         """(N,) distance of points (N, 3) to the skin of trunk, head and legs less that to an arm's, metres."""
@@ -177,27 +164,3 @@ class Figure:
         front, back = hulls[base, len(ANGLES) // 4], hulls[base, 3 * len(ANGLES) // 4]
         centre = np.array([self.axis[0], heights[base], self.axis[2] + (front - back) / 2])
         return centre, float(width[narrowest])
-
-
-def _along_chain(chain: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (N, 3) seen from a chain (J, 3) of joints.
-
-    Returns:
-        (N,) way along the chain to the nearest point on it, (N, 3) offset from there, (N,) distance.
-    """
-    start = 0.0
-    best = (np.zeros(len(points)), np.zeros_like(points), np.full(len(points), np.inf))
-    for first, last in pairwise(chain):
-        length = float(np.linalg.norm(last - first))
-        along = (last - first) / max(length, 1e-9)
-        way = np.clip((points - first) @ along, 0, length)
-        offset = points - first - way[:, None] * along
-        distance = np.linalg.norm(offset, axis=1)
-        nearer = distance < best[2]
-        best = (
-            np.where(nearer, start + way, best[0]),
-            np.where(nearer[:, None], offset, best[1]),
-            np.where(nearer, distance, best[2]),
-        )
-        start += length
-    return best

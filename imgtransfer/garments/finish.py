@@ -34,11 +34,11 @@ def cut_surface(field: Field, cuts: Sequence[Cut], edge_length: float, source: s
     mesh = Mesh(vertices, faces, source)
     for cut in cuts:
         mesh = largest_component(without_pinches(cut_at_zero(mesh, cut(mesh.vertices))))
-    return Mesh(_relaxed(mesh, field), mesh.faces, source)
+    return Mesh(relaxed(mesh, field), mesh.faces, source)
 
 
-def _relaxed(mesh: Mesh, field: Field) -> np.ndarray:
-    """Vertices evened out: the inner ones over the surface, those of a border along it."""
+def relaxed(mesh: Mesh, field: Field) -> np.ndarray:
+    """(N, 3) vertices evened out on the field's zero level: the inner ones over it, those of a border along it."""
     n = len(mesh.vertices)
     border = border_edges(mesh.faces)
     on_border = np.zeros(n, bool)

@@ -15,13 +15,15 @@ from imgtransfer.garments.config import (
     DressConfig,
     GarmentConfig,
     MadeConfig,
+    SkirtConfig,
     TemplateConfig,
+    TrousersConfig,
     TShirtConfig,
 )
 from imgtransfer.garments.cutting import border_loops
 from imgtransfer.garments.field import Field
 from imgtransfer.garments.figure import Figure
-from imgtransfer.garments.lower import lower_field, lower_garment
+from imgtransfer.garments.lower import lower_field, lower_garment, waistband
 from imgtransfer.garments.refit import refitted
 from imgtransfer.garments.upper import upper_field, upper_garment
 from imgtransfer.importers.axes import UNITS, Axes
@@ -76,16 +78,28 @@ def make_garment(
     if isinstance(config, TemplateConfig):
         return load_template(body, config)
     figure = Figure.of(body)
-    mesh = _surface(figure if like is None else Figure.of(like), config)
+    maker = figure if like is None else Figure.of(like)
+    mesh = _surface(maker, config)
+    _check(mesh, maker, config)
     openings = _named(mesh, OPENINGS[config.kind])
     if like is not None:
         if not np.array_equal(like.faces, body.faces):
             raise InputError(
                 f"{config.kind}: only shapes of one body can share a garment; their faces differ"
             )
-        mesh = refitted(mesh, Figure.of(like), figure, _field(figure, config))
-    _check(mesh, figure, config)
+        borders = [(loop, _height(name, figure, config)) for name, loop in openings.items()]
+        mesh = refitted(mesh, maker, figure, _field(figure, config), borders)
+        _check(mesh, figure, config)
     return Garment(config.kind, mesh, openings, np.sort(openings.get("waist", _NONE)))
+
+
+def _height(opening: str, figure: Figure, config: MadeConfig) -> float | None:
+    """Where an opening is cut horizontally, metres; None for necks and sleeves."""
+    if opening.endswith("hem"):
+        return figure.leg_height(config.length)
+    if isinstance(config, SkirtConfig | TrousersConfig) and opening == "waist":
+        return waistband(figure, config)
+    return None
 
 
 def _surface(figure: Figure, config: MadeConfig) -> Mesh:

@@ -22,8 +22,12 @@ def lower_garment(figure: Figure, config: SkirtConfig | TrousersConfig) -> Mesh:
     """The garment's surface with waistband and hems cut; not checked yet."""
     top, hem = waistband(figure, config), figure.leg_height(config.length)
     cuts: list[Cut] = [lambda points: points[:, 1] - top, lambda points: hem - points[:, 1]]
-    field = _skirt(figure, config) if isinstance(config, SkirtConfig) else _trousers(figure, config)
-    return cut_surface(field, cuts, config.target_edge, config.kind)
+    return cut_surface(lower_field(figure, config), cuts, config.target_edge, config.kind)
+
+
+def lower_field(figure: Figure, config: SkirtConfig | TrousersConfig) -> Field:
+    """The field whose zero level is the garment, before it is cut."""
+    return _skirt(figure, config) if isinstance(config, SkirtConfig) else _trousers(figure, config)
 
 
 def waistband(figure: Figure, config: SkirtConfig | TrousersConfig) -> float:

@@ -20,10 +20,11 @@ _BRIDGE = 0.10  # metres above the crotch, from where a T-shirt hangs straight i
 
 def upper_garment(figure: Figure, config: TShirtConfig | DressConfig) -> Mesh:
     """The garment's surface with neck, sleeves and hem cut; not checked yet."""
-    return cut_surface(_field(figure, config), _cuts(figure, config), config.target_edge, config.kind)
+    return cut_surface(upper_field(figure, config), _cuts(figure, config), config.target_edge, config.kind)
 
 
-def _field(figure: Figure, config: TShirtConfig | DressConfig) -> Field:
+def upper_field(figure: Figure, config: TShirtConfig | DressConfig) -> Field:
+    """The field whose zero level is the garment, before it is cut."""
     body = figure.shortened_arms(config.sleeve + _PAST_SLEEVE)
     hem = figure.leg_height(config.length)
     top = figure.waist if isinstance(config, DressConfig) else figure.crotch + _BRIDGE

@@ -116,7 +116,9 @@ class _Worn:
 @lru_cache(maxsize=4)
 def _worn(wearer: BodyConfig, kind: GarmentConfig) -> _Worn:
     body = make_body(wearer)
-    garment = make_garment(body, kind)
+    # Refitted from the default shape, so that a garment has the same faces on every shape of a body.
+    like = None if wearer == wearer.reference else make_body(wearer.reference)
+    garment = make_garment(body, kind, like=like)
     return _Worn(body, garment, body.weights_near(garment.mesh.vertices[garment.held]))
 
 

@@ -1,5 +1,6 @@
 """All four garments on bodies of several shapes, in A- and T-pose."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from fusion import BodySdf
 from imgtransfer.bodies.anny import load_body
-from imgtransfer.bodies.shape import AnnyShape
+from imgtransfer.bodies.shape import AnnyShape, random_shape
 from imgtransfer.garments.checks import mesh_quality
 from imgtransfer.garments.config import DressConfig, GarmentConfig, SkirtConfig, TrousersConfig, TShirtConfig
 from imgtransfer.garments.figure import Figure
@@ -202,10 +203,46 @@ def test_a_template_that_starts_inside_the_body_is_refused(tmp_path):
         )
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(6))
-def test_every_garment_fits_random_shapes_at_full_size(seed):
-    from imgtransfer.bodies.shape import random_shape  # noqa: PLC0415
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_garment_refitted_to_another_shape_keeps_its_faces_and_fits(kind):
+    body, config = load_body(SHAPES["tall"]), KINDS[kind](edge_length=0.035)
+    plain = make_garment(load_body(), config)
+    garment = make_garment(body, config, like=load_body())  # raises unless it is clean
+    assert np.array_equal(garment.mesh.faces, plain.mesh.faces)
+    assert all(np.array_equal(garment.openings[name], loop) for name, loop in plain.openings.items())
+    quality = mesh_quality(garment.mesh)
+    assert quality.angle_min > 12
+    assert quality.edge_spread < 0.2
+    figure = Figure.of(body)
+    for name, loop in garment.openings.items():
+        border = garment.mesh.vertices[loop]
+        if name.endswith("hem"):
+            np.testing.assert_allclose(border[:, 1], figure.leg_height(config.length), atol=1e-9)
+        if name == "waist":
+            np.testing.assert_allclose(border[:, 1], figure.waist, atol=1e-9)
+        if name.endswith("sleeve"):
+            end = figure.sleeve_end(name.split()[0], config.sleeve)[0]
+            np.testing.assert_allclose(border.mean(axis=0), end, atol=0.03)
 
-    for config in KINDS.values():
-        make_garment(load_body(random_shape(seed)), config())  # which raises unless the surface is clean
+
+def test_a_garment_refitted_to_its_own_body_stays():
+    mesh, again = (
+        made("skirt").mesh,
+        make_garment(load_body(), SkirtConfig(detail="small"), like=load_body()).mesh,
+    )
+    assert np.linalg.norm(again.vertices - mesh.vertices, axis=1).max() < 0.006  # evened out once more
+
+
+def test_only_shapes_of_one_body_share_a_garment():
+    body = load_body()
+    other = replace(body, faces=body.faces[::-1].copy())
+    with pytest.raises(InputError, match="shapes of one body"):
+        make_garment(other, SkirtConfig(edge_length=0.05), like=body)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(4))
+def test_every_garment_fits_random_shapes_at_full_size(seed):
+    for config in KINDS.values():  # raises unless the surface is clean
+        make_garment(load_body(random_shape(seed)), config())
+        make_garment(load_body(random_shape(seed)), config(), like=load_body())
