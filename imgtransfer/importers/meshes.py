@@ -61,7 +61,7 @@ def job_of(name: str, source: Source, options: Options) -> Job:
     if not options.split:
         raise InputError("import meshes: each clip needs a split: add --split train or test")
     files = source.files()
-    _prepare(source, options, say=True)
+    _prepare(source, options, check=True)
     return Job(
         clip_name(options.garment or "garment", name), options.split, files, lambda: _clip(source, options)
     )
@@ -78,8 +78,8 @@ class _Ready:
     garment_axes: Axes
 
 
-def _prepare(source: Source, options: Options, *, say: bool) -> _Ready:
-    """Read the rest pose and the first frames, and check them; `say` prints what does not stop the work."""
+def _prepare(source: Source, options: Options, *, check: bool) -> _Ready:
+    """Read the rest pose and the first frames; `check` them, and print what does not stop the work."""
     garment_axes = options.garment_axes or options.axes
     garment, body = _first(source.garment, source.template), _first(source.body, source.body_rest)
     template = load_mesh(source.template) if source.template else garment
@@ -98,15 +98,15 @@ def _prepare(source: Source, options: Options, *, say: bool) -> _Ready:
         options.axes.of_mesh(body_rest),
         garment_axes,
     )
-    found = check_template(
-        ready.template,
-        ready.body_rest,
-        given=options.axes,
-        garment_given=garment_axes,
-        welding=options.weld,
-    )
-    for text in refuse(found, anyway=options.anyway):
-        if say:
+    if check:
+        found = check_template(
+            ready.template,
+            ready.body_rest,
+            given=options.axes,
+            garment_given=garment_axes,
+            welding=options.weld,
+        )
+        for text in refuse(found, anyway=options.anyway):
             print(f"note: {text}", file=sys.stderr)
     return ready
 
@@ -123,7 +123,7 @@ def _first(moving: Path, rest: Path | None) -> Mesh:
 
 
 def _clip(source: Source, options: Options) -> Clip:
-    ready = _prepare(source, options, say=False)
+    ready = _prepare(source, options, check=False)
     with tqdm(
         total=len(source.files()), desc=source.garment.parent.name, unit="file", leave=False, disable=None
     ) as bar:
