@@ -80,6 +80,8 @@ def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality
             "simulator": f"Newton {version('newton')} SolverVBD, {attempt.substeps} substeps, "
             f"{attempt.iterations} iterations",
             "quality": quality.as_text(),
+            "body": config.body.model_dump_json(exclude_unset=True),
+            "garment": config.garment.model_dump_json(exclude_unset=True),
         },
         name=clip_name(config, motion),
     )
