@@ -28,6 +28,7 @@ from tabulate import tabulate
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from fusion import FusionConfig, fuse_maps
+from fusion.config import load_config
 from imgtransfer.cli.options import clip_name
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import Clip
@@ -72,7 +73,7 @@ def with_true_normals(maps: MapFile, truth: Clip) -> MapFile:
 
 
 def measure(
-    predictions: Path, truth: Path, *, true_normals: bool = False
+    predictions: Path, truth: Path, *, config: FusionConfig | None = None, true_normals: bool = False
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Means over all frames of all predicted clips: solver -> row -> metric."""
     predicted = {
@@ -85,16 +86,17 @@ def measure(
             raise InputError(f"{truth}: clip {clip.name} has no garment vertices to compare with")
     if true_normals:
         predicted = {name: with_true_normals(maps, truths[name]) for name, maps in predicted.items()}
+    given = (config or FusionConfig()).model_dump()
     found: dict[str, dict[str, dict[str, float]]] = {}
     for solver in SOLVERS:
         found[solver] = {}
         for row, (changes, told) in ROWS.items():
-            config = FusionConfig.model_validate({"solver": solver} | changes)
+            settings = FusionConfig.model_validate(given | {"solver": solver} | changes)
             values = []
             for name, maps in predicted.items():
                 clip = truths[name]
                 assert clip.garment_vertices is not None
-                vertices = fused(maps, clip, config, told)
+                vertices = fused(maps, clip, settings, told)
                 metrics = evaluate_clip(
                     vertices, clip.garment_vertices, clip.garment_faces, clip.body_vertices, clip.body_faces
                 )
@@ -122,12 +124,14 @@ def command() -> None:
     )
     parser.add_argument("predictions", type=Path, help="what `imgtransfer predict` wrote")
     parser.add_argument("--truth", type=Path, required=True, help="data set, clip npz or folder of clip npz")
+    parser.add_argument("--config", type=Path, help="YAML with the fusion's hyper-parameters that differ")
     parser.add_argument(
         "--true-normals", action="store_true", help="normal maps of the truth in place of the predicted ones"
     )
     parser.add_argument("--json", action="store_true", help="print JSON in place of a table")
     args = parser.parse_args()
-    found = measure(args.predictions, args.truth, true_normals=args.true_normals)
+    config = load_config(args.config) if args.config else None
+    found = measure(args.predictions, args.truth, config=config, true_normals=args.true_normals)
     print(json.dumps(found, indent=2) if args.json else table(found))
 
 
