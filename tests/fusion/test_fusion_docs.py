@@ -30,7 +30,7 @@ def blocks(language):
 
 
 def config_rows():
-    """What the table of hyper-parameters must hold; a printed copy of this is what the page has."""
+    """What the table of hyper-parameters must hold."""
     return [
         [f"`{name}`", str(field.default), field.description]
         for name, field in FusionConfig.model_fields.items()
@@ -38,7 +38,8 @@ def config_rows():
 
 
 def test_every_hyper_parameter_is_there_with_its_default_and_unit():
-    assert table_after("config") == config_rows()
+    rows = "\n".join(f"| {' | '.join(row)} |" for row in config_rows())
+    assert table_after("config") == config_rows(), f"the table in docs/fusion.md must be\n{rows}"
 
 
 def test_every_option_is_explained():
