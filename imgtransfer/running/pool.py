@@ -69,6 +69,8 @@ class Pool:
                     yield outcome or Outcome(index, reason=died)
         finally:
             for worker in workers:
+                worker.dismiss()
+            for worker in workers:
                 worker.stop()
 
 
@@ -124,9 +126,15 @@ class _Worker:
         self._task = None
         return index, None
 
+    def dismiss(self) -> None:
+        """Tell the process that no task will come; one that does nothing then ends by itself and cleans up."""
+        self._connection.close()
+
     def stop(self) -> None:
         """End the process, whatever it does."""
-        self._connection.close()
+        self.dismiss()
+        if not self.busy:
+            self._process.join(_PATIENCE)
         self._process.terminate()
         self._process.join(_PATIENCE)
         if self._process.is_alive():

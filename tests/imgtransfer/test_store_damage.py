@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -13,9 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import synthetic
+import zarr
 from test_store import assert_same_clip, on_grid
+from zarr.storage import LocalStore
 
 from imgtransfer.cli.main import main
+from imgtransfer.data import grid
+from imgtransfer.data.arrays import StoredArray
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.data.local_place import LocalPlace, remove_abandoned
 from imgtransfer.data.place import group_metadata
@@ -57,7 +62,7 @@ def test_a_lost_chunk_is_an_error_not_zeros(data: DataSet, key: str) -> None:
 
 def test_a_lost_array_is_an_error_even_where_clips_may_do_without(data: DataSet) -> None:
     (data.path / "tube/bend/poses").rename(data.path / "tube/bend/elsewhere")
-    with pytest.raises(InputError, match="cannot be read.*poses"):
+    with pytest.raises(InputError, match=r"cannot be read.*poses"):
         data.read("tube/bend")
 
 
@@ -78,7 +83,7 @@ def test_only_the_chunks_of_the_frames_are_read(data: DataSet, long_clip: Clip) 
         data.reader("tube/bend").clip(31, 33)
 
 
-@pytest.mark.parametrize("start, stop", [(0, 1), (31, 33), (40, 41), (69, 70), (5, 70), (10, 10)])
+@pytest.mark.parametrize(("start", "stop"), [(0, 1), (31, 33), (40, 41), (69, 70), (5, 70), (10, 10)])
 def test_any_frames_equal_those_of_the_whole(data: DataSet, long_clip: Clip, start: int, stop: int) -> None:
     reader = data.reader("tube/bend")
     assert (reader.n_frames, reader.frames_per_chunk) == (FRAMES, 32)
@@ -226,3 +231,37 @@ def test_a_clip_npz_is_read_by_frames(tmp_path: Path, tube_clip: Clip) -> None:
     assert (ref.name, ref.split, ref.reader().n_frames) == ("walk", None, tube_clip.n_frames)
     assert_same_clip(ref.reader().clip(2, 5), tube_clip.slice(slice(2, 5)))
     assert ref.still().n_frames == 1
+
+
+def version_1_array(folder: Path, values: np.ndarray) -> StoredArray:
+    """As version 1 wrote positions on the grid: differences over the whole clip, zeros left out, no checksum."""
+    array = zarr.create_array(
+        LocalStore(folder),
+        shape=values.shape,
+        dtype=np.int32,
+        chunks=(32, *values.shape[1:]),
+        fill_value=0,
+        attributes={"encoding": "second-differences", "step": grid.STEP},
+    )
+    array[...] = grid.to_differences(values)
+    return StoredArray(LocalStore(folder))
+
+
+def test_arrays_of_version_1_are_read_by_frames(tmp_path: Path, long_clip: Clip) -> None:
+    values = long_clip.body_vertices.copy()
+    values[33:] = values[33]  # a chunk of zeros, which version 1 did not store
+    stored = version_1_array(tmp_path, values)
+    assert not (tmp_path / "c/2/0/0").exists()
+    for start, stop in ((0, FRAMES), (0, 1), (31, 33), (64, 70)):
+        assert np.array_equal(stored.read(start, stop), values[start:stop])
+
+
+def test_zeros_of_version_1_are_not_taken_for_a_mesh(data: DataSet, long_clip: Clip) -> None:
+    as_version_1(data)
+    folder = data.path / "tube/bend/garment_vertices"
+    shutil.rmtree(folder)
+    version_1_array(folder, long_clip.garment_vertices)
+    assert_same_clip(DataSet.open(data.path).read("tube/bend"), long_clip)
+    (folder / "c/0/0/0").unlink()
+    with pytest.raises(InputError, match="garment_vertices: it reads as zeros: chunks are missing"):
+        DataSet.open(data.path).read("tube/bend")
