@@ -17,6 +17,11 @@ from imgtransfer.bodies.skinned import BonePoses, SkinnedBody, skinned
 from imgtransfer.bodies.smpl import INDEX, JOINTS, global_rotations
 from render import InputError
 
+GET = (
+    "register at https://smpl.is.tue.mpg.de, download SMPL for Python (version 1.0.0 or 1.1.0), unpack it, and give "
+    "the folder with its .pkl files as the body's path"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class SmplBody(SkinnedBody):
@@ -87,7 +92,10 @@ def load_smpl(path: str | Path, *, betas: Sequence[float] = (), gender: str = "n
     """
     from imgtransfer.importers.smpl import find_smpl, smpl_body  # noqa: PLC0415 (importers use bodies)
 
-    found = find_smpl(Path(path), gender, needed_by="body")
+    try:
+        found = find_smpl(Path(path), gender, needed_by="body")
+    except InputError as error:
+        raise InputError(f"body: no SMPL model of a {gender} body at {path}; {GET}") from error
     model = smpl_body(found)
     shape = np.array(betas, np.float64)
     if len(shape) > model.shapedirs.shape[2] or not np.isfinite(shape).all():

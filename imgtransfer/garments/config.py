@@ -40,7 +40,7 @@ class _Upper(_Garment):
 class TShirtConfig(_Upper):
     """A T-shirt."""
 
-    edge_lengths: ClassVar[dict[Detail, float]] = {"full": 0.0129, "small": 0.0192}
+    edge_lengths: ClassVar[dict[Detail, float]] = {"full": 0.0127, "small": 0.0192}
 
     kind: Literal["tshirt"] = "tshirt"
 
@@ -48,7 +48,7 @@ class TShirtConfig(_Upper):
 class DressConfig(_Upper):
     """A dress, flared from the waist."""
 
-    edge_lengths: ClassVar[dict[Detail, float]] = {"full": 0.0113, "small": 0.0275}
+    edge_lengths: ClassVar[dict[Detail, float]] = {"full": 0.0103, "small": 0.0275}
 
     kind: Literal["dress"] = "dress"
     length: float = Field(0.48, ge=0.05, le=0.95)
