@@ -29,7 +29,7 @@ class FusionConfig(BaseModel):
         default=100, ge=0, description="Of `local_global`, first stage (edge lengths), at most; 0 skips it."
     )
     normal_iterations: int = Field(
-        default=24,
+        default=26,
         ge=0,
         description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
     )
@@ -44,7 +44,7 @@ class FusionConfig(BaseModel):
         default=0.005, ge=0, lt=1, description="Of `local_global`, no unit: the same for the second stage."
     )
     sdf_every_iterations: int = Field(
-        default=12, ge=1, description="Of `local_global`: steps between two distance queries."
+        default=13, ge=1, description="Of `local_global`: steps between two distance queries."
     )
     edge_steps: int = Field(
         default=100, ge=0, description="Of `adam`, first stage (edge lengths); 0 skips it."

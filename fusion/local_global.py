@@ -23,7 +23,7 @@ _EDGES = 0.2
 _RESIDUAL = 0.1
 # Stiffness against moving as a whole in the second stage, as a displacement weight in units of the edge term's: the
 # body and the normals hold the cloth in ways of which the system knows nothing.
-_HOLD = 0.1
+_HOLD = 0.2
 # Part of a matrix's mean diagonal that is added where nothing else holds a vertex.
 _FLOOR = 1e-6
 

@@ -57,16 +57,19 @@ def share_inside(vertices, scene):
     return (sdf.distance(torch.as_tensor(vertices)) < 0).float().mean().item()
 
 
-@pytest.mark.parametrize(("solver", "left"), [("adam", 0.6), ("local_global", 0.65)])
-def test_each_stage_comes_nearer_to_the_truth(scene, solver, left):
-    config = FusionConfig(solver=solver)
+# The tube is coarse, and local_global's default number of steps made for finer cloth.
+ENOUGH = 48
+
+
+@pytest.mark.parametrize("solver", ["adam", "local_global"])
+def test_each_stage_comes_nearer_to_the_truth(scene, solver):
+    config = FusionConfig(solver=solver, normal_iterations=ENOUGH)
     edges = fuse(scene["imager"], positions=scene["positions"], config=config)
     full = fuse(scene["imager"], **maps_and_body(scene), config=config)
     assert error_mm(edges.vertices, scene) < 0.9 * error_mm(edges.initial, scene)
     assert error_mm(full.vertices, scene) < 0.9 * error_mm(edges.vertices, scene)
-    # adam: 2.5 against 4.8 degrees, local_global: 2.3 against 3.7; the paper's edge weight keeps the normals from
-    # being met exactly.
-    assert angle_degrees(full.vertices, scene) < left * angle_degrees(edges.vertices, scene)
+    # adam: 2.5 against 4.8 degrees; the paper's edge weight keeps the normals from being met exactly.
+    assert angle_degrees(full.vertices, scene) < 0.6 * angle_degrees(edges.vertices, scene)
 
 
 @pytest.mark.parametrize("solver", ["adam", "local_global"])
@@ -157,10 +160,11 @@ def test_positions_alone_stop_after_the_edge_stage(scene):
 
 def test_normals_refine_given_vertices_without_position_maps(scene):
     start = fuse(scene["imager"], positions=scene["positions"]).vertices
-    result = fuse(scene["imager"], normals=scene["normals"], initial=start)
+    config = FusionConfig(normal_iterations=ENOUGH)
+    result = fuse(scene["imager"], normals=scene["normals"], initial=start, config=config)
     np.testing.assert_array_equal(result.initial, start)
     assert set(result.report["terms"]) == {"normal"}
-    assert angle_degrees(result.vertices, scene) < 0.65 * angle_degrees(start, scene)  # as above
+    assert angle_degrees(result.vertices, scene) < 0.6 * angle_degrees(start, scene)  # as above
 
 
 def test_no_steps_return_the_initial_vertices(scene):
