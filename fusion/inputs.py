@@ -17,7 +17,7 @@ class FusionInputs:
 
     Attributes:
         n_frames: T.
-        positions, normals: (T, S, H, W, 3) float32 on the CPU, 0 in the background, whatever it held.
+        positions, normals: (T, S, H, W, 3) float32 on the CPU, finite in the background too, whatever it held.
         confidence: (T, S, H, W) float32 on the CPU, at least 0, 0 in the background.
         initial: (T, N, 3) float32 on the CPU.
         pinned: (P,) int64 on the CPU, different vertices; None for P = 0 too.
@@ -68,6 +68,7 @@ class FusionInputs:
         confidence = _checked("confidence", values, (self.n_frames, *mask.shape), mask)
         if confidence is None:
             return None
+        confidence = torch.where(mask, confidence, 0.0)
         if bool((confidence < 0).any()):
             raise InputError(
                 f"fuse: confidence must be at least 0 (1 is as usual), found {float(confidence.min())}"
@@ -126,7 +127,7 @@ def _checked(
 ) -> torch.Tensor | None:
     """Float32 on the CPU; InputError for another shape, or a value that is not finite (under the mask).
 
-    The mask (S, H, W) says which axes 1 to 3 of `values` count; the others become 0.
+    The mask (S, H, W) says which of axes 1 to 3 of `values` count; others become 0 if any is not finite.
     """
     if values is None:
         return None
@@ -134,14 +135,14 @@ def _checked(
     if tuple(tensor.shape) != shape:
         raise InputError(f"fuse: {name} must have shape {shape}, found {tuple(tensor.shape)}")
     finite = torch.isfinite(tensor)
+    if bool(finite.all()):
+        return tensor
     if len(shape) != 4:
         finite = finite.all(-1)
     bad = ~finite if mask is None else ~finite & mask
-    if bool(bad.any()):
+    if mask is None or bool(bad.any()):
         first = bad.nonzero()[0].tolist()
         raise InputError(
             f"fuse: {name} has {int(bad.sum())} values that are not finite, the first at {first}"
         )
-    if mask is None:
-        return tensor
     return torch.where(mask[..., None] if len(shape) == 5 else mask, tensor, 0.0)
