@@ -67,7 +67,7 @@ def test_tasks_of_a_killed_node_are_done_by_the_other(two_nodes: tuple[Any, Any]
 
 CONFIG = {
     "garment": {"edge_length": 0.05},
-    "solver": {"substeps": 3, "iterations": 2, "settle_seconds": 0.1, "warm_up_seconds": 0.1},
+    "solver": {"iterations": 2, "settle_seconds": 0.1, "warm_up_seconds": 0.1},
     "clips": [{"motion": "random", "seed": 1, "last_seed": 12, "seconds": 1.0}],
 }
 
