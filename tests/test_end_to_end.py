@@ -20,7 +20,7 @@ CLIP = "tshirt/twist_s1"
 SIMULATION = """
 title: two short clips
 garment: {edge_length: 0.05}
-solver: {substeps: 4, iterations: 3, settle_seconds: 0.2, warm_up_seconds: 0.2}
+solver: {min_substeps: 4, max_substeps: 4, iterations: 3, settle_seconds: 0.2, warm_up_seconds: 0.2}
 clips:
   - {motion: twist, seed: 1, seconds: 1, split: test}
   - {motion: walk, seed: 1, seconds: 1, split: train}

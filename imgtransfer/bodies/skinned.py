@@ -127,8 +127,12 @@ class SkinnedBody(ABC):
         share /= share.sum(axis=1, keepdims=True)
         return np.einsum("pn,pnk->pk", share, self.blend_weights[nearest]).astype(np.float32)
 
-    def interpolate(self, start: BonePoses, end: BonePoses, share: float) -> BonePoses:
-        """Between two stacks of frames, by spherical interpolation of each bone's rotation against its parent."""
+    def interpolate(self, start: BonePoses, end: BonePoses, share: float | np.ndarray) -> BonePoses:
+        """Between two stacks of T frames, by spherical interpolation of each bone's rotation against its parent.
+
+        Args:
+            share: from 0, the start, to 1, the end; a number or (T, 1).
+        """
         turned = between(self._local(start.rotations), self._local(end.rotations), share)
         for bone, parent in enumerate(self.bone_parents):
             if parent >= 0:

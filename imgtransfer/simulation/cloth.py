@@ -1,8 +1,8 @@
-"""Cloth on a moving body, with the vertex block descent solver of Newton (which runs on Warp).
+"""Cloth on a moving body: the model, built with Newton (which runs on Warp), and its steps in time.
 
 The body is one mesh collider without mass. Its points move at every substep, and its surface velocity reaches the
-solver's friction. The cloth does not collide with itself: that would cost several times as much, and a T-shirt's folds
-rarely cross.
+friction. The cloth collides with itself on request only: that costs several times as much, and a T-shirt's folds rarely
+cross.
 """
 
 from __future__ import annotations
@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from imgtransfer.simulation.config import ClothConfig
+from imgtransfer.simulation.config import ClothConfig, SolverConfig
+from imgtransfer.simulation.descent import CONTACT_DAMPING, ClothDescent
+from imgtransfer.simulation.newton_descent import NewtonDescent
 from render import InputError
 from render.mesh import Mesh
 
 GRAVITY = (0.0, -9.81, 0.0)  # m/s²
-# Contacts are searched once a substep; the body may move this far (metres) within one without being missed.
-CONTACT_GAP = 0.03
 _EVERYWHERE = 1e4  # metres; the collider's bounding box, which Newton computes for the rest pose only
-_CONTACT_DAMPING = 1e-2  # N·s/m
 
 
 class ClothOnBody:
@@ -29,7 +28,7 @@ class ClothOnBody:
         cloth: the cloth's rest shape; its curvature at rest costs no bending energy.
         body_vertices: (B, 3) where the body stands at first, metres. body_faces: (G, 3).
         material: see `ClothConfig`.
-        iterations: of vertex block descent, a step.
+        solver: for its iterations, and whether the cloth collides with itself.
         held: (H,) vertices that go where `step` and `place` say, whatever pulls at them.
     """
 
@@ -39,13 +38,14 @@ class ClothOnBody:
         body_vertices: np.ndarray,
         body_faces: np.ndarray,
         material: ClothConfig,
-        iterations: int,
+        solver: SolverConfig,
         *,
         held: np.ndarray | None = None,
     ) -> None:
         warp, newton = _libraries()
         builder = newton.ModelBuilder(up_axis=newton.Axis.Y, gravity=GRAVITY)
         edge = np.linalg.norm(np.diff(cloth.vertices[cloth.edges], axis=1), axis=-1).mean()
+        hinge = 2 / np.sqrt(3) * material.bending / edge
         builder.add_cloth_mesh(
             pos=warp.vec3(0.0),
             rot=warp.quat_identity(),
@@ -56,67 +56,63 @@ class ClothOnBody:
             density=material.density,
             tri_ke=material.stretch,
             tri_ka=material.stretch,
-            tri_kd=material.stretch_damping,
-            # A hinge of two equilateral triangles with edge length L bends like a plate of rigidity D when its
-            # energy is 1/2 (2√3 D / L) L angle², and Newton multiplies by the edge's length itself.
-            edge_ke=2 * np.sqrt(3) * material.bending / edge,
-            edge_kd=material.bending_damping,
+            tri_kd=material.stretch_damping * material.stretch,
+            # Equilateral triangles with edge length L bend like a plate of rigidity D where a hinge's energy is
+            # 1/2 (2/√3 D) angle² (Seung and Nelson 1988), and Newton multiplies by the edge's length itself.
+            edge_ke=hinge,
+            edge_kd=material.bending_damping * hinge,
             particle_radius=material.thickness,
         )
         collider = newton.Mesh(body_vertices, body_faces.ravel().astype(np.int32), compute_inertia=False)
         surface = newton.ModelBuilder.ShapeConfig(
-            ke=material.contact_stiffness, kd=_CONTACT_DAMPING, mu=material.friction, margin=0.0
+            ke=material.contact_stiffness, kd=CONTACT_DAMPING, mu=material.friction, margin=0.0
         )
         builder.add_shape_mesh(-1, mesh=collider, cfg=surface)
         self._held = np.zeros(0, np.int64) if held is None else held
         for vertex in self._held:
             builder.particle_mass[vertex] = 0.0
-        builder.color()
+        builder.color(include_bending=True)  # no two vertices of a colour share a face or a hinge
         model = builder.finalize(device="cpu")
         model.soft_contact_ke = material.contact_stiffness
-        model.soft_contact_kd = _CONTACT_DAMPING
+        model.soft_contact_kd = CONTACT_DAMPING
         model.soft_contact_mu = material.friction
         model.shape_collision_aabb_lower.fill_(warp.vec3(-_EVERYWHERE))
         model.shape_collision_aabb_upper.fill_(warp.vec3(_EVERYWHERE))
-        self._pipeline = newton.CollisionPipeline(model, soft_contact_gap=CONTACT_GAP)
-        self._contacts = self._pipeline.contacts()
-        self._solver = newton.solvers.SolverVBD(model, iterations=iterations)
-        self._control = model.control()
-        self._now, self._next = model.state(), model.state()
         self._collider: Any = collider.mesh
+        stepper = NewtonDescent if solver.self_contact else ClothDescent
+        self.model: Any = model
+        self._stepper = stepper(model, self._collider, material, solver.iterations)
+        self._state = model.state()
         self._body = body_vertices.astype(np.float32)
 
     @property
     def vertices(self) -> np.ndarray:
         """(N, 3) float32, metres."""
-        return self._now.particle_q.numpy().copy()
+        return self._state.particle_q.numpy().copy()
 
     @property
     def velocities(self) -> np.ndarray:
         """(N, 3) float32, m/s."""
-        return self._now.particle_qd.numpy().copy()
+        return self._state.particle_qd.numpy().copy()
 
     def place(self, vertices: np.ndarray, velocities: np.ndarray, body_vertices: np.ndarray) -> None:
         """Set where the cloth (N, 3) and the body (B, 3) are, without a step in time."""
-        self._now.particle_q.assign(vertices.astype(np.float32))
-        self._now.particle_qd.assign(velocities.astype(np.float32))
+        self._state.particle_q.assign(vertices.astype(np.float32))
+        self._state.particle_qd.assign(velocities.astype(np.float32))
         self._body = body_vertices.astype(np.float32)
 
     def step(self, body_vertices: np.ndarray, seconds: float, held: np.ndarray | None = None) -> None:
         """Move the body to (B, 3) and the held vertices to (H, 3) in `seconds` and let the cloth follow."""
         if held is not None and len(held):
-            cloth = self._now.particle_q.numpy()
+            cloth = self._state.particle_q.numpy()
             cloth[self._held] = held
-            self._now.particle_q.assign(cloth)
+            self._state.particle_q.assign(cloth)
         body = body_vertices.astype(np.float32)
         self._collider.points.assign(body)
         self._collider.velocities.assign((body - self._body) / seconds)
         self._collider.refit()
         self._body = body
-        self._now.clear_forces()
-        self._pipeline.collide(self._now, self._contacts)
-        self._solver.step(self._now, self._next, self._control, self._contacts, seconds)
-        self._now, self._next = self._next, self._now
+        self._stepper.step(self._state, seconds)
 
 
 def _libraries() -> tuple[Any, Any]:

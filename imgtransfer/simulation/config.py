@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from imgtransfer.bodies.config import AnnyConfig, BodyConfig
 from imgtransfer.garments.config import GarmentConfig, TShirtConfig
 from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
+from imgtransfer.simulation.fabrics import FABRICS, Fabric
 from render import InputError
 
+_COTTON = FABRICS["cotton"]
 Split = Literal["train", "validation", "test"]
 
 
@@ -24,25 +26,53 @@ class _Section(BaseModel):
 
 
 class ClothConfig(_Section):
-    """Material of the cloth and its contact with the body; the defaults are a light cotton jersey."""
+    """Material of the cloth and its contact with the body: those of a fabric, but for the values that are given."""
 
-    density: float = Field(0.18, gt=0)  # kg/m²
-    stretch: float = Field(1000.0, gt=0)  # N/m, both Lamé parameters of the membrane
-    bending: float = Field(6e-6, ge=0)  # N·m, flexural rigidity
-    stretch_damping: float = Field(1e-4, ge=0)  # N·s/m
-    bending_damping: float = Field(1e-2, ge=0)  # s, relative to the bending stiffness
+    fabric: Fabric = "cotton"
+    density: float = Field(_COTTON["density"], gt=0)  # kg/m²
+    stretch: float = Field(_COTTON["stretch"], gt=0)  # N/m, both Lamé parameters of the membrane
+    bending: float = Field(_COTTON["bending"], ge=0)  # N·m, flexural rigidity
+    stretch_damping: float = Field(_COTTON["stretch_damping"], ge=0)  # s, relative to `stretch`
+    bending_damping: float = Field(_COTTON["bending_damping"], ge=0)  # s, relative to `bending`
+    friction: float = Field(_COTTON["friction"], ge=0)  # Coulomb coefficient against the skin
+    # Metres between vertices and skin: more than the cloth itself, because it keeps faces out of the skin, too.
+    thickness: float = Field(_COTTON["thickness"], gt=0)
     contact_stiffness: float = Field(2000.0, gt=0)  # N/m per vertex
-    friction: float = Field(0.3, ge=0)  # Coulomb coefficient against the skin
-    thickness: float = Field(0.004, gt=0)  # metres between vertices and skin; keeps faces out of it too
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_fabric(cls, given: Any) -> Any:
+        """Fill in the named fabric's values."""
+        if isinstance(given, dict) and given.get("fabric") in FABRICS:
+            return {**FABRICS[given["fabric"]], **given}
+        return given
 
 
 class SolverConfig(_Section):
     """Time stepping; more substeps and iterations stretch the cloth less and take longer."""
 
-    substeps: int = Field(8, ge=1)  # of each frame
-    iterations: int = Field(5, ge=1)  # of vertex block descent, a substep
+    # How far, metres, the skin under the garment may move within a substep, apart from what moves all of it evenly.
+    # Each frame is cut into as many substeps as that takes.
+    step_length: float = Field(0.004, gt=0)
+    min_substeps: int = Field(12, ge=1)  # of a frame, however slow
+    max_substeps: int = Field(24, ge=1)  # of a frame, however fast
+    iterations: int = Field(4, ge=1)  # of vertex block descent, a substep
     settle_seconds: float = Field(0.8, ge=0)  # the cloth comes to rest on the resting body
     warm_up_seconds: float = Field(0.7, gt=0)  # from the rest pose to the first frame; not recorded
+    self_contact: bool = False  # whether the cloth collides with itself; takes several times as long
+
+    @model_validator(mode="after")
+    def _ordered(self) -> SolverConfig:
+        if self.min_substeps > self.max_substeps:
+            raise ValueError(
+                f"min_substeps {self.min_substeps} is more than max_substeps {self.max_substeps}"
+            )
+        return self
+
+    def finer(self) -> SolverConfig:
+        """Twice the substeps, for a second attempt."""
+        doubled = {"min_substeps": 2 * self.min_substeps, "max_substeps": 2 * self.max_substeps}
+        return self.model_copy(update={"step_length": self.step_length / 2, **doubled})
 
 
 class GateConfig(_Section):
@@ -53,7 +83,9 @@ class GateConfig(_Section):
     sunk_percent: float = 6.0  # vertices inside the body before they are pushed out, mean over frames
     penetration_percent: float = 0.5  # vertices still inside the body afterwards, mean over frames
     speed: float = 4.0  # m/s by which a vertex may be faster than the fastest point of the body
-    reach: float = 0.3  # metres, the largest distance of a vertex to the body
+    reach: float = 0.5  # metres, the largest distance of a vertex to the body
+    energy_spike: float = 4.0  # kinetic energy of a frame over that of the frames around it
+    jitter: float = 0.002  # metres, 95th percentile of how far vertices shake while the body rests
 
 
 class LibraryMotion(_Section):

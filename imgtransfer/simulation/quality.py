@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 import torch
+from scipy.ndimage import median_filter
 
 from fusion import BodySdf
 from imgtransfer.simulation.config import GateConfig
 from render.mesh import Mesh
 
 CLEARANCE = 0.001  # metres; where vertices that ended inside the body are put, in front of its surface
+_SLOW_CLOTH = 0.5  # m/s; changes of energy below it are no spike
+_STILL_BODY = 0.05  # m/s; a body whose fastest point is slower rests
 _PUSHES = 6  # a push out of one limb may end in another
 
 
@@ -26,6 +29,8 @@ class Quality:
     penetration_percent: float
     speed: float
     reach: float
+    energy_spike: float
+    jitter: float
 
     def as_text(self) -> str:
         """One line for logs."""
@@ -69,7 +74,7 @@ def measure(
         before, after: (T, N) signed distances to the body before and after `push_out`.
     """
     if not np.isfinite(vertices).all():
-        return Quality(*[np.inf] * 7)
+        return Quality(*[np.inf] * len(fields(Quality)))
     start, end = template.edges.T
     rest = np.linalg.norm(template.vertices[end] - template.vertices[start], axis=-1)
     stretch = np.linalg.norm(vertices[:, end] - vertices[:, start], axis=-1) / rest
@@ -85,7 +90,54 @@ def measure(
         penetration_percent=float(100 * (after < 0).mean()),
         speed=float(max(0.0, (speed(vertices) - speed(body)).max(initial=0.0))),
         reach=float(after.max()),
+        energy_spike=energy_spike(template, vertices, fps),
+        jitter=jitter(vertices, body, fps),
     )
+
+
+def energy_spike(template: Mesh, vertices: np.ndarray, fps: float) -> float:
+    """How much more kinetic energy the cloth has in one frame than in those around it; 1 where nothing moves.
+
+    Energy per mass, of velocities apart from the whole cloth's mean: what explodes or snaps for a frame or two stands
+    out against the median of seven frames, which a movement of the body, however fast, raises with it. Energy below
+    that of 0.5 m/s counts as this much.
+
+    Args:
+        vertices: (T, N, 3) metres.
+    """
+    if len(vertices) < 2:
+        return 1.0
+    mass = _areas(template)
+    velocity = np.diff(vertices, axis=0) * fps
+    velocity = velocity - np.einsum("n,tnk->tk", mass, velocity)[:, None]
+    energy = np.maximum(0.5 * np.einsum("n,tnk->t", mass, velocity**2), 0.5 * _SLOW_CLOTH**2)
+    return float((energy / median_filter(energy, size=min(7, len(energy)), mode="nearest")).max())
+
+
+def jitter(vertices: np.ndarray, body: np.ndarray, fps: float) -> float:
+    """How far vertices shake while the body rests, metres: 0 where it never does.
+
+    The 95th percentile, over vertices and frames that lie between resting ones, of the distance to the middle of where
+    the vertex is a frame earlier and later.
+
+    Args:
+        vertices: (T, N, 3) metres. body: (T, B, 3).
+    """
+    still = np.linalg.norm(np.diff(body, axis=0), axis=-1).max(axis=1, initial=0.0) * fps < _STILL_BODY
+    between = np.flatnonzero(still[:-1] & still[1:]) + 1
+    if not len(between):
+        return 0.0
+    middle = (vertices[between - 1] + vertices[between + 1]) / 2
+    return float(np.percentile(np.linalg.norm(vertices[between] - middle, axis=-1), 95))
+
+
+def _areas(template: Mesh) -> np.ndarray:
+    """(N,) each vertex's share of the area, in all 1."""
+    corners = template.vertices[template.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    weights = np.zeros(len(template.vertices))
+    np.add.at(weights, template.faces, area[:, None])
+    return weights / weights.sum()
 
 
 def faults(quality: Quality, gates: GateConfig) -> list[str]:

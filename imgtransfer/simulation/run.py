@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -20,6 +19,7 @@ from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.cloth import ClothOnBody
 from imgtransfer.simulation.config import ClothConfig, SimulateConfig, SolverConfig
 from imgtransfer.simulation.quality import Quality, faults, measure, push_out
+from imgtransfer.simulation.substeps import skin_under, step_count
 from render import InputError
 from render.mesh import Mesh
 
@@ -36,7 +36,8 @@ def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality
     The clip's template is the garment as it hangs on the resting body, so that what a method must predict is the
     motion's doing and not the fall from the pattern. The cloth's own rest shape is the pattern.
 
-    A clip that fails a gate is simulated again with twice the substeps. Vertices left inside the body are pushed out to
+    Every frame is cut into substeps by how far the body moves in it. A clip that fails a gate is simulated again with
+    twice the substeps. Vertices left inside the body are pushed out to
     1 mm in front of it; positions are rounded to the 2⁻¹⁶ m grid, so that data sets store them compactly and exactly.
 
     Raises:
@@ -47,10 +48,8 @@ def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality
     template = round_to_grid(_settled(config.body, config.garment, config.cloth, config.solver, config.fps))
     bones = _placed(body, motion)
     solver = config.solver
-    for attempt in (solver, solver.model_copy(update={"substeps": 2 * solver.substeps})):
-        vertices = np.stack(
-            list(_follow(worn, template, bones, fps=motion.fps, config=config, solver=attempt))
-        )
+    for attempt in (solver, solver.finer()):
+        vertices, steps = _simulated(worn, template, bones, fps=motion.fps, config=config, solver=attempt)
         transforms = body.transforms(bones)
         moved = round_to_grid(body.vertices(transforms))
         vertices, quality = _checked(body, pattern, vertices, moved, motion.fps)
@@ -77,8 +76,8 @@ def simulate_clip(motion: Motion, config: SimulateConfig) -> tuple[Clip, Quality
         info={
             "source": f"imgtransfer simulate, motion {motion.name}",
             "licence": config.licence,
-            "simulator": f"Newton {version('newton')} SolverVBD, {attempt.substeps} substeps, "
-            f"{attempt.iterations} iterations",
+            "simulator": f"vertex block descent on Newton {version('newton')}, {steps.min()} to {steps.max()} substeps "
+            f"(mean {steps.mean():.1f}), {attempt.iterations} iterations",
             "quality": quality.as_text(),
             "body": config.body.model_dump_json(exclude_unset=True),
             "garment": config.garment.model_dump_json(exclude_unset=True),
@@ -97,22 +96,23 @@ def clip_name(config: SimulateConfig, motion: Motion) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Worn:
-    """A garment on its body, and the blend weights (H, K) with which its held vertices move."""
+    """A garment on its body, the blend weights (H, K) with which its held vertices move, and the skin under it (M,)."""
 
     body: SkinnedBody
     garment: Garment
     weights: np.ndarray
+    under: np.ndarray
 
     def cloth(self, config: ClothConfig, solver: SolverConfig) -> ClothOnBody:
         """The garment where it is put on, ready to be stepped."""
         body, mesh = self.body, self.garment.mesh
-        return ClothOnBody(mesh, body.rest, body.faces, config, solver.iterations, held=self.garment.held)
+        return ClothOnBody(mesh, body.rest, body.faces, config, solver, held=self.garment.held)
 
     def stands(self, bones: BonePoses) -> tuple[np.ndarray, np.ndarray]:
-        """(B, 3) skin and (H, 3) held vertices in the first frame of `bones`."""
-        transforms = self.body.transforms(bones)[:1]
+        """(T, B, 3) skin and (T, H, 3) held vertices in the frames of `bones`."""
+        transforms = self.body.transforms(bones).astype(np.float32)
         held = self.garment.mesh.vertices[self.garment.held]
-        return self.body.vertices(transforms)[0], skinned(transforms, self.weights, held)[0]
+        return self.body.vertices(transforms), skinned(transforms, self.weights, held)
 
 
 @lru_cache(maxsize=4)
@@ -121,7 +121,9 @@ def _worn(wearer: BodyConfig, kind: GarmentConfig) -> _Worn:
     # Refitted from the default shape, so that a garment has the same faces on every shape of a body.
     like = None if wearer == wearer.reference else make_body(wearer.reference)
     garment = make_garment(body, kind, like=like)
-    return _Worn(body, garment, body.weights_near(garment.mesh.vertices[garment.held]))
+    mesh = garment.mesh
+    weights = body.weights_near(mesh.vertices[garment.held])
+    return _Worn(body, garment, weights, skin_under(mesh.vertices, body.rest))
 
 
 def _placed(body: SkinnedBody, motion: Motion) -> BonePoses:
@@ -130,7 +132,7 @@ def _placed(body: SkinnedBody, motion: Motion) -> BonePoses:
     return BonePoses(bones.rotations, bones.root - bones.root[0] + body.joints_rest[0])
 
 
-def _follow(
+def _simulated(
     worn: _Worn,
     settled: np.ndarray,
     bones: BonePoses,
@@ -138,24 +140,35 @@ def _follow(
     fps: float,
     config: SimulateConfig,
     solver: SolverConfig,
-) -> Iterator[np.ndarray]:
-    """Yield the cloth (N, 3) at every frame of the motion, the first after settling and warming up."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """(T, N, 3) the cloth at every frame of the motion, the first after warming up, and (T - 1,) substeps of each."""
     body = worn.body
     cloth = worn.cloth(config.cloth, solver)
     cloth.place(settled, np.zeros_like(settled), body.rest)
     rest, first = body.rest_pose(), _frame(bones, 0)
-    frames = max(1, round(solver.warm_up_seconds * fps))
-    before = rest
-    for number in range(1, frames + 1):
-        share = number / frames
-        after = body.interpolate(rest, first, share * share * (3 - 2 * share))
-        _advance(cloth, worn, before, after, substeps=solver.substeps, fps=fps)
-        before = after
-    yield cloth.vertices
-    for number in range(1, len(bones.root)):
-        before, after = _frame(bones, number - 1), _frame(bones, number)
-        _advance(cloth, worn, before, after, substeps=solver.substeps, fps=fps)
-        yield cloth.vertices
+    share = np.linspace(0, 1, 1 + max(1, round(solver.warm_up_seconds * fps)))[:, None]
+    warm_up = body.interpolate(
+        _repeated(rest, len(share)), _repeated(first, len(share)), share * share * (3 - 2 * share)
+    )
+    whole = BonePoses(
+        *(
+            np.concatenate(
+                [getattr(part, name)[: -1 if part is warm_up else None] for part in (warm_up, bones)]
+            )
+            for name in ("rotations", "root")
+        )
+    )
+    skin = body.vertices(body.transforms(whole).astype(np.float32))[:, worn.under]
+    start = len(share) - 1
+    vertices, steps = [], []
+    for number in range(1, len(skin)):
+        if number > start:
+            vertices.append(cloth.vertices)
+        count = step_count(skin[max(0, number - 2)], skin[number - 1], skin[number], solver)
+        steps.append(count)
+        _advance(cloth, worn, _frame(whole, number - 1), _frame(whole, number), substeps=count, fps=fps)
+    vertices.append(cloth.vertices)
+    return np.stack(vertices), np.array(steps[start:])
 
 
 @lru_cache(maxsize=4)
@@ -167,8 +180,8 @@ def _settled(
     body = worn.body
     cloth = worn.cloth(material, solver)
     for _ in range(round(solver.settle_seconds * fps)):
-        for _ in range(solver.substeps):
-            cloth.step(body.rest, 1 / (fps * solver.substeps))
+        for _ in range(solver.min_substeps):
+            cloth.step(body.rest, 1 / (fps * solver.min_substeps))
         cloth.place(cloth.vertices, SETTLE_DAMPING * cloth.velocities, body.rest)
     sdf = BodySdf(body.faces, len(body.rest))
     sdf.update(body.rest)
@@ -179,9 +192,15 @@ def _advance(
     cloth: ClothOnBody, worn: _Worn, start: BonePoses, end: BonePoses, *, substeps: int, fps: float
 ) -> None:
     """One frame: the bones turn evenly from `start` to `end`, and the body's skin with them."""
-    for number in range(1, substeps + 1):
-        skin, held = worn.stands(worn.body.interpolate(start, end, number / substeps))
+    share = np.arange(1, substeps + 1)[:, None] / substeps
+    between = worn.body.interpolate(_repeated(start, substeps), _repeated(end, substeps), share)
+    for skin, held in zip(*worn.stands(between), strict=True):
         cloth.step(skin, 1 / (fps * substeps), held)
+
+
+def _repeated(bones: BonePoses, frames: int) -> BonePoses:
+    """One frame, so many times."""
+    return BonePoses(np.repeat(bones.rotations, frames, axis=0), np.repeat(bones.root, frames, axis=0))
 
 
 def _frame(bones: BonePoses, number: int) -> BonePoses:

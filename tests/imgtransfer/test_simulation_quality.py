@@ -3,7 +3,7 @@ import pytest
 
 from fusion import BodySdf
 from imgtransfer.simulation.config import GateConfig
-from imgtransfer.simulation.quality import CLEARANCE, faults, measure, push_out
+from imgtransfer.simulation.quality import CLEARANCE, energy_spike, faults, jitter, measure, push_out
 from render.mesh import Mesh
 
 # A tetrahedron-like body: an octahedron with corners one metre from the origin.
@@ -60,7 +60,7 @@ def test_sunk_and_penetrating_shares_and_reach():
     assert quality.deepest == pytest.approx(0.03)
     assert quality.penetration_percent == 0
     assert quality.reach == pytest.approx(0.4)
-    assert {fault.split()[0] for fault in faults(quality, GateConfig())} == {"sunk_percent", "reach"}
+    assert {fault.split()[0] for fault in faults(quality, GateConfig(reach=0.3))} == {"sunk_percent", "reach"}
     assert quality_of([SHEET.vertices] * 2, after=before).penetration_percent == pytest.approx(37.5)
 
 
@@ -81,3 +81,39 @@ def test_push_out_moves_only_what_is_inside_to_the_surface():
     np.testing.assert_allclose(pushed[0], normal / np.sqrt(3) + CLEARANCE * normal, atol=1e-5)
     assert np.array_equal(pushed[1:], points[1:])
     assert after.min() >= 0.9 * CLEARANCE
+
+
+def waving(frames=20, hertz=1.0, size=0.5):
+    """A sheet that turns about its first corner, as fast cloth may."""
+    angle = size * np.sin(2 * np.pi * hertz * np.arange(frames) / 30)
+    x, y, z = (SHEET.vertices - SHEET.vertices[0]).T
+    return np.stack([np.cos(angle)[:, None] * x - np.sin(angle)[:, None] * z, np.broadcast_to(y, (frames, 4)),
+                     np.sin(angle)[:, None] * x + np.cos(angle)[:, None] * z], axis=-1)  # fmt: skip
+
+
+def test_a_sheet_that_moves_as_a_whole_or_swings_has_no_energy_spike():
+    flying = SHEET.vertices + np.arange(20)[:, None, None] ** 2 * 0.01
+    assert energy_spike(SHEET, flying, 30.0) == pytest.approx(1)
+    assert energy_spike(SHEET, waving(), 30.0) < 2
+
+
+def test_one_vertex_that_jumps_for_a_frame_is_an_energy_spike_by_hand():
+    frames = waving(size=0.0)
+    frames[10, 1] += [0, 0.2, 0]
+    # It belongs to one of the two triangles: a sixth of the mass at 6 m/s, apart from the mean of 1 m/s.
+    mass, speed = 1 / 6, 6.0
+    energy = 0.5 * (mass * (speed - mass * speed) ** 2 + (1 - mass) * (mass * speed) ** 2)
+    assert energy_spike(SHEET, frames, 30.0) == pytest.approx(energy / (0.5 * 0.5**2))
+    quality = quality_of(frames)
+    assert any(fault.startswith("energy_spike") for fault in faults(quality, GateConfig(speed=1e9)))
+
+
+def test_jitter_counts_only_while_the_body_rests():
+    frames = np.tile(SHEET.vertices, (12, 1, 1))
+    frames[::2] += [0, 0.003, 0]
+    resting = np.tile(CORNERS, (12, 1, 1))
+    assert jitter(frames, resting, 30.0) == pytest.approx(0.003)
+    assert any(fault.startswith("jitter") for fault in faults(quality_of(frames), GateConfig()))
+    walking = resting + np.arange(12)[:, None, None] * np.array([0.01, 0, 0])  # 0.3 m/s
+    assert jitter(frames, walking, 30.0) == 0
+    assert jitter(frames[:2], resting[:2], 30.0) == 0
