@@ -22,7 +22,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         nargs="+",
         type=Path,
         metavar="CONFIG_OR_MOTIONS",
-        help="a YAML file such as configs/data/sample.yaml, and/or AMASS-style npz files or folders of them",
+        help="a YAML file such as configs/data/sample.yaml, and/or motion files (AMASS-style npz, BVH) or folders of them",
     )
     parser.add_argument("--out", type=Path, required=True, help="the data set, made where it does not exist")
     parser.add_argument("--frames", type=int, help="only the first FRAMES frames of each motion")

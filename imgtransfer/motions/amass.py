@@ -1,11 +1,14 @@
-"""Reader of AMASS-style npz motion files, y up."""
+"""Reader of AMASS-style npz motion files, y or z up."""
 
 from __future__ import annotations
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import JOINTS
 from imgtransfer.motions.motion import Motion, resample
@@ -14,15 +17,23 @@ from render import InputError
 BODY_COLUMNS = 3 * len(JOINTS)
 
 
-def load_amass(path: str | Path, *, fps: float = 30.0) -> Motion:
+UpAxis = Literal["auto", "y", "z"]
+_CLEAR = 0.5  # cosine from which on a trunk is upright along an axis, on average over the frames
+
+
+def load_amass(path: str | Path, *, fps: float = 30.0, up_axis: UpAxis = "auto") -> Motion:
     """Read a motion and resample it.
 
     The file holds `poses` (T, 66 or more; columns after the 22 body joints, such as hands, are left out), `trans`
-    (T, 3), `mocap_framerate` (or `mocap_frame_rate`), and optionally `leg_length`. Original AMASS files have z up:
-    turn root orientation and path by −90° about x first.
+    (T, 3), `mocap_framerate` (or `mocap_frame_rate`), and optionally `leg_length`. Original AMASS files have z up;
+    they are turned by −90° about x.
+
+    Args:
+        up_axis: of the file; "auto" is the axis along which the trunk stands on average.
 
     Raises:
-        InputError: no such file, not an npz of plain arrays, a missing array, or one of a wrong shape.
+        InputError: no such file, not an npz of plain arrays, a missing array, one of a wrong shape, or a motion that
+            does not show which way is up.
     """
     path = Path(path)
     if not path.is_file():
@@ -60,4 +71,24 @@ def load_amass(path: str | Path, *, fps: float = 30.0) -> Motion:
         path.stem,
         None if leg is None else float(leg.reshape(())),
     )
+    if up_axis == "z" or (up_axis == "auto" and _stands_along_z(motion, path)):
+        motion = _turned_up(motion)
     return resample(motion, fps)
+
+
+def _stands_along_z(motion: Motion, path: Path) -> bool:
+    """Whether the pelvis' upward axis points along z rather than y, on average."""
+    up = Rotation.from_rotvec(motion.poses[:, 0]).apply([0.0, 1.0, 0.0]).mean(axis=0)
+    if max(up[1], up[2]) < _CLEAR:
+        raise InputError(
+            f"{path}: the body lies or turns over, so the file does not show which axis is up; say so by up_axis y or z"
+        )
+    return bool(up[2] > up[1])
+
+
+def _turned_up(motion: Motion) -> Motion:
+    """From z up to y up."""
+    turn = Rotation.from_euler("x", -90, degrees=True)
+    poses = motion.poses.copy()
+    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    return replace(motion, poses=poses, trans=turn.apply(motion.trans))

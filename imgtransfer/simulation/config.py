@@ -11,6 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from imgtransfer.bodies.config import AnnyConfig, BodyConfig
 from imgtransfer.garments.config import GarmentConfig, TShirtConfig
+from imgtransfer.motions.amass import UpAxis
+from imgtransfer.motions.check import PATH_SPEED, TURNING
 from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
@@ -122,6 +124,9 @@ class FileMotions(_Section):
     test: tuple[str, ...] = ()  # glob patterns of file names without suffix
     validation: tuple[str, ...] = ()
     arms_out: float = Field(6.0, ge=0, le=30)  # degrees
+    up_axis: UpAxis = "auto"  # of npz files; "auto" looks at which way the body stands
+    turning: float = Field(TURNING, gt=0)  # degrees a second of a joint; faster motions are left out
+    path_speed: float = Field(PATH_SPEED, gt=0)  # m/s of the pelvis; faster motions are left out
 
 
 class SimulateConfig(_Section):

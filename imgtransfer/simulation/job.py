@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from imgtransfer.data.place import everywhere, place_at
 from imgtransfer.data.store import DataSet
-from imgtransfer.motions.amass import load_amass
+from imgtransfer.motions.check import motion_faults
+from imgtransfer.motions.files import load_motion, motion_files
 from imgtransfer.motions.motion import Motion, arms_out
 from imgtransfer.running import Executor, Serial, run_tasks
 from imgtransfer.simulation.config import SimulateConfig, Split
@@ -33,7 +35,9 @@ class Task:
 
 
 def plan(config: SimulateConfig, files: Sequence[Path] = (), *, frames: int | None = None) -> list[Task]:
-    """The clips that a configuration and motion files (npz, or folders of them) ask for.
+    """The clips that a configuration and motion files (npz, bvh, or folders of them) ask for.
+
+    A motion file in which a joint turns too far or too fast for a body is left out, and named on stderr.
 
     Args:
         frames: keep only so many frames of each.
@@ -44,8 +48,13 @@ def plan(config: SimulateConfig, files: Sequence[Path] = (), *, frames: int | No
     tasks = [
         Task(motion, clips.split, config) for clips in config.clips for motion in clips.motions(config.fps)
     ]
-    for path in _motion_files(files):
-        motion = arms_out(load_amass(path, fps=config.fps), config.files.arms_out)
+    for path in motion_files(files):
+        motion = load_motion(path, fps=config.fps, up_axis=config.files.up_axis)
+        faults = motion_faults(motion, turning=config.files.turning, path_speed=config.files.path_speed)
+        if faults:
+            print(f"left out {path}: {'; '.join(faults)}", file=sys.stderr)
+            continue
+        motion = arms_out(motion, config.files.arms_out)
         split: Split = "train"
         for name, patterns in (("validation", config.files.validation), ("test", config.files.test)):
             if any(fnmatch.fnmatch(motion.name, pattern) for pattern in patterns):
@@ -162,17 +171,6 @@ def _fingerprint(task: Task) -> str:
     motion = task.motion
     content = [settings.encode(), motion.poses.tobytes(), motion.trans.tobytes(), str(motion.fps).encode()]
     return hashlib.sha256(b"|".join(content)).hexdigest()[:16]
-
-
-def _motion_files(paths: Sequence[Path]) -> Iterator[Path]:
-    for path in paths:
-        if not path.is_dir():
-            yield path
-            continue
-        found = sorted(path.glob("*.npz"))
-        if not found:
-            raise InputError(f"{path}: no npz in this folder; AMASS-style motion files are wanted")
-        yield from found
 
 
 def _cut(motion: Motion, frames: int) -> Motion:

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from imgtransfer.motions.amass import load_amass
 from render import InputError
@@ -61,3 +62,26 @@ def test_missing_and_foreign_files_are_refused(tmp_path):
     np.savez(tmp_path / "pickle.npz", poses=np.array([{}], dtype=object), trans=0, mocap_framerate=30)
     with pytest.raises(InputError, match="not a readable npz"):
         load_amass(tmp_path / "pickle.npz")
+
+
+@pytest.mark.parametrize("up_axis", ["auto", "z"])
+def test_files_with_z_up_are_turned(tmp_path, up_axis):
+    ours = load_amass(write(tmp_path / "y.npz"))
+    turn = Rotation.from_euler("x", 90, degrees=True)  # y up to z up
+    poses = np.zeros((61, 156))
+    poses[:, 3 * 18 + 1] = 0.8 * np.arange(61) / 60
+    poses[:, :3] = turn.as_rotvec()
+    trans = turn.apply(np.stack([np.zeros(61), np.full(61, 0.9), np.arange(61) / 60], axis=1))
+    read = load_amass(write(tmp_path / "z.npz", poses=poses, trans=trans), up_axis=up_axis)
+    np.testing.assert_allclose(read.poses, ours.poses, atol=1e-6)
+    np.testing.assert_allclose(read.trans, ours.trans, atol=1e-6)
+    assert np.abs(load_amass(tmp_path / "z.npz", up_axis="y").poses - ours.poses).max() > 1
+
+
+def test_a_body_that_lies_shows_no_up_axis(tmp_path):
+    poses = np.zeros((61, 66))
+    poses[:, 2] = np.pi / 2  # on its right side
+    path = write(tmp_path / "lying.npz", poses=poses)
+    with pytest.raises(InputError, match="up_axis"):
+        load_amass(path)
+    assert len(load_amass(path, up_axis="y").poses) == 31

@@ -81,7 +81,7 @@ def test_arms_out_turns_hanging_arms_by_the_angle_and_leaves_level_ones():
     assert outward[0] > (before[INDEX["left_shoulder"]] @ segment_direction("upper_arm", "left"))[0]
 
 
-@pytest.mark.parametrize("fps", [30.0, 24.0, 120.0])
+@pytest.mark.parametrize("fps", [30.0, 24.0, 59.94, 120.0])
 def test_resampling_follows_time_on_an_even_turn(fps):
     time = np.arange(101) / 50.0
     poses = np.zeros((101, 22, 3))

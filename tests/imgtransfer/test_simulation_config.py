@@ -75,7 +75,7 @@ def test_what_cannot_be_planned_is_refused(tmp_path):
         plan(SimulateConfig())
     with pytest.raises(InputError, match="more than once"):
         plan(load_config(written(tmp_path, "clips: [{motion: walk, seed: 1}, {motion: walk, seed: 1}]")))
-    with pytest.raises(InputError, match="no npz in this folder"):
+    with pytest.raises(InputError, match="no motion file in this folder"):
         plan(SimulateConfig(), [tmp_path])
     with pytest.raises(InputError, match="--frames 1"):
         plan(load_config(CONFIGS / "sample.yaml"), frames=1)

@@ -1,0 +1,182 @@
+"""BVH files that the tests write, with skeletons named as CMU, Mixamo and SMPL name theirs."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from imgtransfer.bodies.smpl import JOINTS, PARENTS, global_rotations, segment_direction
+from imgtransfer.motions.bvh import LEG_LENGTH, load_bvh
+from imgtransfer.motions.files import load_motion, motion_files
+from imgtransfer.motions.library import make_motion
+from render import InputError
+
+MIXAMO = {
+    "pelvis": "Hips",
+    "spine1": "Spine",
+    "spine2": "Spine1",
+    "spine3": "Spine2",
+    "neck": "Neck",
+    "head": "Head",
+}
+LIMBS = {"hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase", "collar": "Shoulder", "shoulder": "Arm",
+         "elbow": "ForeArm", "wrist": "Hand"}  # fmt: skip
+for _side in ("left", "right"):
+    MIXAMO |= {f"{_side}_{joint}": _side.capitalize() + name for joint, name in LIMBS.items()}
+NAMINGS = {
+    "mixamo": {joint: f"mixamorig:{name}" for joint, name in MIXAMO.items()},
+    "cmu": MIXAMO | {"spine1": "LowerBack", "spine2": "Spine", "spine3": "Spine1"},
+    "smpl": {joint: joint.replace("left", "m_avg_L").replace("right", "m_avg_R").title() for joint in JOINTS},
+}
+Y_UP = np.eye(3)
+Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # ours to a file in which z is up and bodies face -y
+
+
+def offsets(arms_down=False):
+    """(22, 3) offsets of an SMPL-like T-pose, or with the arms hanging, in centimetres."""
+    found = np.zeros((22, 3))
+    up = {"spine1": 10, "spine2": 12, "spine3": 8, "neck": 22, "head": 10}
+    for joint, length in up.items():
+        found[JOINTS.index(joint), 1] = length
+    for side, sign in (("left", 1), ("right", -1)):
+        turn = Rotation.from_euler("z", -sign * 80 * arms_down, degrees=True)
+        of = {
+            "hip": np.array([sign * 9.0, -9, 0]),
+            "knee": 40 * segment_direction("thigh", side),
+            "ankle": 42 * segment_direction("shin", side),
+            "foot": np.array([0, -5.0, 12]),
+            "collar": np.array([sign * 7.0, 12, 0]),
+            "shoulder": np.array([sign * 11.0, 3, 0]),
+            "elbow": turn.apply(28 * segment_direction("upper_arm", side)),
+            "wrist": turn.apply(26 * segment_direction("forearm", side)),
+        }
+        for joint, offset in of.items():
+            found[JOINTS.index(f"{side}_{joint}")] = offset
+    return found
+
+
+def write(path, motion, names, *, axes=Y_UP, rest=None, order="ZYX", leave_out=()):
+    """A BVH file of a motion, on a skeleton that rests with the offsets (22, 3); (T, 22) joint by joint."""
+    rest = (offsets() if rest is None else rest) @ axes.T
+    local = Rotation.from_rotvec(motion.poses.reshape(-1, 3) @ axes.T)
+    angles = local.as_euler(order, degrees=True).reshape(*motion.poses.shape)
+    channels = " ".join(f"{axis}rotation" for axis in order)
+    numbers = []
+
+    def joint(number, depth):
+        numbers.append(number)
+        pad = "  " * depth
+        kind = "JOINT" if depth else "ROOT"
+        position = "" if depth else "Xposition Yposition Zposition "
+        lines = [f"{pad}{kind} {names[JOINTS[number]]}", f"{pad}{{"]
+        lines += [f"{pad}  OFFSET {' '.join(map(str, rest[number]))}"]
+        lines += [f"{pad}  CHANNELS {3 if depth else 6} {position}{channels}"]
+        children = [n for n, parent in enumerate(PARENTS) if parent == number and JOINTS[n] not in leave_out]
+        for child in children:
+            lines += joint(child, depth + 1)
+        if not children:
+            lines += [f"{pad}  End Site", f"{pad}  {{", f"{pad}    OFFSET 0 5 0", f"{pad}  }}"]
+        return [*lines, f"{pad}}}"]
+
+    lines = [
+        "HIERARCHY",
+        *joint(0, 0),
+        "MOTION",
+        f"Frames: {len(motion.poses)}",
+        f"Frame Time: {1 / motion.fps:.9f}",
+    ]
+    path_cm = motion.trans @ axes.T * 82 / 0.8
+    for frame in range(len(motion.poses)):
+        row = np.concatenate([path_cm[frame], angles[frame][numbers].ravel()])
+        lines.append(" ".join(f"{value:.6f}" for value in row))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def motion():
+    return make_motion("mixed", seed=4, seconds=0.4)
+
+
+@pytest.mark.parametrize("naming", NAMINGS)
+@pytest.mark.parametrize("order", ["ZYX", "YXZ"])
+def test_a_t_posed_skeleton_gives_back_the_poses(tmp_path, motion, naming, order):
+    read = load_bvh(write(tmp_path / "a.bvh", motion, NAMINGS[naming], order=order))
+    np.testing.assert_allclose(global_rotations(read.poses), global_rotations(motion.poses), atol=2e-5)
+    np.testing.assert_allclose(read.trans, motion.trans, atol=1e-4)
+    assert read.leg_length == LEG_LENGTH
+    assert read.name == "a"
+
+
+def test_z_up_files_are_turned_to_y_up(tmp_path, motion):
+    read = load_bvh(write(tmp_path / "a.bvh", motion, NAMINGS["cmu"], axes=Z_UP))
+    np.testing.assert_allclose(global_rotations(read.poses), global_rotations(motion.poses), atol=2e-5)
+    np.testing.assert_allclose(read.trans, motion.trans, atol=1e-4)
+
+
+def test_limbs_point_where_the_skeletons_do_whatever_its_rest_pose(tmp_path, motion):
+    hanging = offsets(arms_down=True)
+    read = load_bvh(write(tmp_path / "a.bvh", motion, NAMINGS["mixamo"], rest=hanging))
+    theirs, ours = global_rotations(motion.poses), global_rotations(read.poses)
+    for joint, segment, end in (
+        ("shoulder", "upper_arm", "elbow"),
+        ("elbow", "forearm", "wrist"),
+        ("hip", "thigh", "knee"),
+    ):
+        for side in ("left", "right"):
+            number, direction = JOINTS.index(f"{side}_{joint}"), hanging[JOINTS.index(f"{side}_{end}")]
+            wanted = theirs[:, number] @ (direction / np.linalg.norm(direction))
+            found = ours[:, number] @ segment_direction(segment, side)
+            np.testing.assert_allclose(found, wanted, atol=2e-5)
+
+
+def test_frames_are_resampled_by_time(tmp_path):
+    motion = make_motion("walk", seed=1, seconds=1.0, fps=100.0)
+    read = load_motion(write(tmp_path / "a.BVH", motion, MIXAMO), fps=30.0)
+    assert len(read.poses) == 30  # 0.99 s
+    np.testing.assert_allclose(
+        global_rotations(read.poses[::3]), global_rotations(motion.poses[::10]), atol=1e-4
+    )
+
+
+def test_joints_that_bodies_need_not_have_do_not_bend(tmp_path, motion):
+    missing = ("left_foot", "right_foot")
+    read = load_bvh(write(tmp_path / "a.bvh", motion, MIXAMO, leave_out=missing))
+    for joint in missing:
+        np.testing.assert_allclose(read.poses[:, JOINTS.index(joint)], 0, atol=1e-6)
+
+
+def test_an_unknown_skeleton_is_refused_with_what_is_missing(tmp_path, motion):
+    names = MIXAMO | {"left_knee": "Bone07", "head": "Bone12"}
+    with pytest.raises(
+        InputError, match=r"no joint for head, left_knee; it has Hips, .*Bone07.*Names as in CMU"
+    ):
+        load_bvh(write(tmp_path / "a.bvh", motion, names))
+
+
+@pytest.mark.parametrize(("change", "text"), [
+    (lambda t: t[: len(t) // 2], "cut off, it announces 12 frames"),
+    (lambda t: t[:300], "not a whole BVH file"),
+    (lambda t: t.replace("}", "", 1), "braces do not match"),
+    (lambda t: t.replace("Frames: 12", "Frames: 1"), "1 frames of"),
+    (lambda t: t.replace("HIERARCHY", "SKELETON"), "not a whole BVH file"),
+    (lambda t: t.replace("OFFSET 0.0", "OFFSET zero", 1), "not a readable BVH file"),
+])  # fmt: skip
+def test_damaged_files_are_named_with_what_is_wrong(tmp_path, motion, change, text):
+    path = write(tmp_path / "bad.bvh", motion, MIXAMO)
+    path.write_text(change(path.read_text()))
+    with pytest.raises(InputError, match=text) as caught:
+        load_bvh(path)
+    assert "bad.bvh" in str(caught.value)
+
+
+def test_other_files_are_refused(tmp_path):
+    (tmp_path / "a.fbx").write_bytes(b"Kaydara")
+    with pytest.raises(InputError, match=r"\.npz or \.bvh"):
+        load_motion(tmp_path / "a.fbx")
+    with pytest.raises(InputError, match="no motion file in this folder"):
+        list(motion_files([tmp_path]))
+    with pytest.raises(InputError, match="no such file"):
+        load_bvh(tmp_path / "none.bvh")
+    (tmp_path / "binary.bvh").write_bytes(b"\xff\xfe\x00HIERARCHY")
+    with pytest.raises(InputError, match="would be text"):
+        load_bvh(tmp_path / "binary.bvh")
