@@ -78,41 +78,41 @@ class ClothOnBody:
         model.soft_contact_mu = material.friction
         model.shape_collision_aabb_lower.fill_(warp.vec3(-_EVERYWHERE))
         model.shape_collision_aabb_upper.fill_(warp.vec3(_EVERYWHERE))
-        self._collider: Any = collider.mesh
+        self.collider: Any = collider.mesh
         stepper = NewtonDescent if solver.self_contact else ClothDescent
         self.model: Any = model
-        self._stepper = stepper(model, self._collider, material, solver.iterations)
-        self._state = model.state()
+        self.stepper: Any = stepper(model, self.collider, material, solver.iterations)
+        self.state: Any = model.state()
         self._body = body_vertices.astype(np.float32)
 
     @property
     def vertices(self) -> np.ndarray:
         """(N, 3) float32, metres."""
-        return self._state.particle_q.numpy().copy()
+        return self.state.particle_q.numpy().copy()
 
     @property
     def velocities(self) -> np.ndarray:
         """(N, 3) float32, m/s."""
-        return self._state.particle_qd.numpy().copy()
+        return self.state.particle_qd.numpy().copy()
 
     def place(self, vertices: np.ndarray, velocities: np.ndarray, body_vertices: np.ndarray) -> None:
         """Set where the cloth (N, 3) and the body (B, 3) are, without a step in time."""
-        self._state.particle_q.assign(vertices.astype(np.float32))
-        self._state.particle_qd.assign(velocities.astype(np.float32))
+        self.state.particle_q.assign(vertices.astype(np.float32))
+        self.state.particle_qd.assign(velocities.astype(np.float32))
         self._body = body_vertices.astype(np.float32)
 
     def step(self, body_vertices: np.ndarray, seconds: float, held: np.ndarray | None = None) -> None:
         """Move the body to (B, 3) and the held vertices to (H, 3) in `seconds` and let the cloth follow."""
         if held is not None and len(held):
-            cloth = self._state.particle_q.numpy()
+            cloth = self.state.particle_q.numpy()
             cloth[self._held] = held
-            self._state.particle_q.assign(cloth)
+            self.state.particle_q.assign(cloth)
         body = body_vertices.astype(np.float32)
-        self._collider.points.assign(body)
-        self._collider.velocities.assign((body - self._body) / seconds)
-        self._collider.refit()
+        self.collider.points.assign(body)
+        self.collider.velocities.assign((body - self._body) / seconds)
+        self.collider.refit()
         self._body = body
-        self._stepper.step(self._state, seconds)
+        self.stepper.step(self.state, seconds)
 
 
 def _libraries() -> tuple[Any, Any]:

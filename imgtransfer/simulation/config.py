@@ -55,8 +55,8 @@ class SolverConfig(_Section):
 
     # How far, metres, the skin under the garment may move within a substep, apart from what moves all of it evenly.
     # Each frame is cut into as many substeps as that takes.
-    step_length: float = Field(0.004, gt=0)
-    min_substeps: int = Field(12, ge=1)  # of a frame, however slow
+    step_length: float = Field(0.003, gt=0)
+    min_substeps: int = Field(10, ge=1)  # of a frame, however slow
     max_substeps: int = Field(24, ge=1)  # of a frame, however fast
     iterations: int = Field(4, ge=1)  # of vertex block descent, a substep
     settle_seconds: float = Field(0.8, ge=0)  # the cloth comes to rest on the resting body

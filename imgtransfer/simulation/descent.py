@@ -40,88 +40,64 @@ class ClothDescent:
         self._iterations = iterations
         self._gravity = warp.vec3(*model.gravity.numpy()[0].tolist())
         self._sheet = _sheet(model, warp, kernels)
-        self._fabric = kernels.Fabric()
-        for name in (
-            "stretch",
-            "stretch_damping",
-            "bending_damping",
-            "contact_stiffness",
-            "friction",
-            "thickness",
-        ):
-            setattr(self._fabric, name, getattr(material, name))
-        self._fabric.contact_damping = CONTACT_DAMPING
+        self._fabric = _fabric(material, kernels)
         self._colours: list[Any] = [
             warp.array(group.numpy(), dtype=int, device=model.device) for group in model.particle_color_groups
         ]
-        vectors = ("start", "goal", "surface", "normal", "speed")
         self._n = model.particle_count
-        self._own = {name: warp.zeros(self._n, dtype=warp.vec3, device=model.device) for name in vectors}
-        self._metric = warp.zeros(len(self._sheet.faces), dtype=warp.vec3, device=model.device)
-        self._angle = warp.zeros(len(self._sheet.hinges), dtype=float, device=model.device)
-        self._recorded: dict[float, list[Any]] = {}
+        self._step = kernels.Step()
+        for name in ("start", "goal", "surface", "normal", "speed"):
+            setattr(self._step, name, warp.zeros(self._n, dtype=warp.vec3, device=model.device))
+        self._step.metric = warp.zeros(len(self._sheet.faces), dtype=warp.vec3, device=model.device)
+        self._step.angle = warp.zeros(len(self._sheet.hinges), dtype=float, device=model.device)
+        self._recorded: dict[float, list[tuple[str, Any]]] = {}
 
     def step(self, state: Any, seconds: float) -> None:
         """Move the particles of a Newton state, always the same one, in place; the body stands where it will be."""
         if seconds not in self._recorded:
-            self._recorded[seconds] = self._commands(state.particle_q, state.particle_qd, seconds)
-        for command in self._recorded[seconds]:
+            self._recorded[seconds] = self.commands(state, seconds)
+        for _, command in self._recorded[seconds]:
             command.launch()
 
-    def _commands(self, position: Any, velocity: Any, seconds: float) -> list[Any]:
-        """The kernels of a step, ready to launch: preparing arguments would cost more than many of them."""
-        kernels, sheet, own = self._kernels, self._sheet, self._own
+    def commands(self, state: Any, seconds: float) -> list[tuple[str, Any]]:
+        """The kernels of a step, by name and ready to launch: to prepare arguments costs more than many of them."""
+        kernels, sheet, now = self._kernels, self._sheet, self._step
+        position, velocity = state.particle_q, state.particle_qd
 
-        def launch(kernel: Any, count: int, *arguments: Any) -> Any:
-            return self._wp.launch(kernel, dim=count, inputs=arguments, device=self._device, record_cmd=True)
-
-        commands = [
-            launch(
-                kernels.begin,
-                self._n,
-                sheet,
-                self._gravity,
-                seconds,
-                velocity,
-                position,
-                own["start"],
-                own["goal"],
-            ),
-            launch(kernels.measure_faces, len(sheet.faces), sheet, own["start"], self._metric),
-            launch(kernels.measure_hinges, len(sheet.hinges), sheet, own["start"], self._angle),
-            launch(
-                kernels.find_contacts,
-                self._n,
-                self._body.id,
-                self._reach,
-                own["start"],
-                own["surface"],
-                own["normal"],
-                own["speed"],
-            ),
-        ]
-        descend = [
-            launch(
-                kernels.descend,
-                len(members),
-                sheet,
-                self._fabric,
-                seconds,
-                members,
-                own["start"],
-                own["goal"],
-                self._metric,
-                self._angle,
-                own["surface"],
-                own["normal"],
-                own["speed"],
-                position,
+        def launch(kernel: Any, count: int, *arguments: Any) -> tuple[str, Any]:
+            command = self._wp.launch(
+                kernel, dim=count, inputs=arguments, device=self._device, record_cmd=True
             )
+            return kernel.key, command
+
+        descend = [
+            launch(kernels.descend, len(members), sheet, now, self._fabric, seconds, members, position)
             for members in self._colours
         ]
-        commands += descend * self._iterations
-        commands.append(launch(kernels.finish, self._n, 1 / seconds, own["start"], position, velocity))
-        return commands
+        return [
+            launch(kernels.begin, self._n, sheet, now, self._gravity, seconds, velocity, position),
+            launch(kernels.measure_faces, len(sheet.faces), sheet, now),
+            launch(kernels.measure_hinges, len(sheet.hinges), sheet, now),
+            launch(kernels.find_contacts, self._n, now, self._body.id, self._reach),
+            *descend * self._iterations,
+            launch(kernels.finish, self._n, now, 1 / seconds, position, velocity),
+        ]
+
+
+def _fabric(material: ClothConfig, kernels: Any) -> Any:
+    """The material's constants as `Fabric`."""
+    fabric = kernels.Fabric()
+    for name in (
+        "stretch",
+        "stretch_damping",
+        "bending_damping",
+        "contact_stiffness",
+        "friction",
+        "thickness",
+    ):
+        setattr(fabric, name, getattr(material, name))
+    fabric.contact_damping = CONTACT_DAMPING
+    return fabric
 
 
 def _sheet(model: Any, warp: Any, kernels: Any) -> Any:

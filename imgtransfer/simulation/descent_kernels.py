@@ -59,6 +59,21 @@ class Fabric:
     thickness: float
 
 
+@wp.struct
+class Step:
+    """What is constant within a step: a row a vertex, but for the metric of each face and the angle of each hinge."""
+
+    start: wp.array(dtype=wp.vec3)  # where the step starts
+    goal: wp.array(dtype=wp.vec3)  # where inertia and gravity alone would lead
+    surface: wp.array(
+        dtype=wp.vec3
+    )  # closest point of the body, its outward normal (0 if far away) and velocity
+    normal: wp.array(dtype=wp.vec3)
+    speed: wp.array(dtype=wp.vec3)
+    metric: wp.array(dtype=wp.vec3)  # FᵀF (its entries 00, 01, 11) at the start
+    angle: wp.array(dtype=float)  # at the start
+
+
 @wp.func
 def hinge_angle(x0: wp.vec3, x1: wp.vec3, x2: wp.vec3, x3: wp.vec3) -> float:
     """The fold at the edge x2 x3 of the triangles with the tips x0 and x1; 0 where flat or degenerate."""
@@ -80,60 +95,52 @@ def _columns(rest: wp.vec4, x: wp.vec3, p: wp.vec3, q: wp.vec3):
 @wp.kernel
 def begin(
     sheet: Sheet,
+    step: Step,
     gravity: wp.vec3,
     seconds: float,
     velocity: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3),
-    start: wp.array(dtype=wp.vec3),
-    goal: wp.array(dtype=wp.vec3),
 ):
     """Keep where the step starts, and move to where inertia and gravity alone would lead."""
     i = wp.tid()
     x = position[i]
-    start[i] = x
+    step.start[i] = x
     if sheet.mass[i] > 0.0:
         x = x + seconds * (velocity[i] + seconds * gravity)
-    goal[i] = x
+    step.goal[i] = x
     position[i] = x
 
 
 @wp.kernel
-def measure_faces(sheet: Sheet, start: wp.array(dtype=wp.vec3), metric: wp.array(dtype=wp.vec3)):
-    """The metric FᵀF (its entries 00, 01, 11) of each face at the step's start."""
+def measure_faces(sheet: Sheet, step: Step):
+    """The metric of each face at the step's start."""
     t = wp.tid()
     face = sheet.faces[t]
-    f0, f1 = _columns(sheet.face_rest[t], start[face[0]], start[face[1]], start[face[2]])
-    metric[t] = wp.vec3(wp.dot(f0, f0), wp.dot(f0, f1), wp.dot(f1, f1))
+    f0, f1 = _columns(sheet.face_rest[t], step.start[face[0]], step.start[face[1]], step.start[face[2]])
+    step.metric[t] = wp.vec3(wp.dot(f0, f0), wp.dot(f0, f1), wp.dot(f1, f1))
 
 
 @wp.kernel
-def measure_hinges(sheet: Sheet, start: wp.array(dtype=wp.vec3), angle: wp.array(dtype=float)):
+def measure_hinges(sheet: Sheet, step: Step):
     """The angle of each hinge at the step's start."""
     h = wp.tid()
     of = sheet.hinges[h]
-    angle[h] = hinge_angle(start[of[0]], start[of[1]], start[of[2]], start[of[3]])
+    step.angle[h] = hinge_angle(step.start[of[0]], step.start[of[1]], step.start[of[2]], step.start[of[3]])
 
 
 @wp.kernel
-def find_contacts(
-    body: wp.uint64,
-    reach: float,
-    start: wp.array(dtype=wp.vec3),
-    surface: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    velocity: wp.array(dtype=wp.vec3),
-):
-    """The body's closest point to each vertex within `reach`, the outward normal there (0 where none) and its speed."""
+def find_contacts(step: Step, body: wp.uint64, reach: float):
+    """The body's closest point to each vertex, if it is within `reach`."""
     i = wp.tid()
-    x = start[i]
+    x = step.start[i]
     n = wp.vec3(0.0)
     found = wp.mesh_query_point_sign_normal(body, x, reach)
     if found.result:
         p = wp.mesh_eval_position(body, found.face, found.u, found.v)
         n = wp.normalize(x - p) * found.sign
-        surface[i] = p
-        velocity[i] = wp.mesh_eval_velocity(body, found.face, found.u, found.v)
-    normal[i] = n
+        step.surface[i] = p
+        step.speed[i] = wp.mesh_eval_velocity(body, found.face, found.u, found.v)
+    step.normal[i] = n
 
 
 @wp.func
@@ -180,15 +187,15 @@ def _membrane(
 
 @wp.func
 def _hinge(
+    sheet: Sheet,
+    step: Step,
+    k: int,
     of: wp.vec4i,
     at_edge: bool,
     position: wp.array(dtype=wp.vec3),
-    rest: float,
-    before: float,
-    stiffness: float,
     damping: float,
 ):
-    """Force and Hessian on the first vertex of a hinge, or on the third if `at_edge`; `damping` in units of a step."""
+    """Force and Hessian on the first vertex of hinge k, or on the third if `at_edge`; `damping` in units of a step."""
     x0, x1, x2, x3 = position[of[0]], position[of[1]], position[of[2]], position[of[3]]
     e = x3 - x2
     n1 = wp.cross(x2 - x0, x3 - x0)
@@ -204,12 +211,13 @@ def _hinge(
         gradient = gradient * (-wp.dot(x3 - x0, e) / square) + n2 * (
             length / big2 * wp.dot(x3 - x1, e) / square
         )
-    turned = angle - before
+    turned = angle - step.angle[k]
     if turned > wp.pi:
         turned -= 2.0 * wp.pi
     elif turned < -wp.pi:
         turned += 2.0 * wp.pi
-    moment = stiffness * (angle - rest + damping * turned)
+    stiffness = sheet.hinge_stiffness[k]
+    moment = stiffness * (angle - sheet.hinge_rest[k] + damping * turned)
     return -moment * gradient, wp.outer(gradient, gradient) * (stiffness * (1.0 + damping))
 
 
@@ -242,16 +250,10 @@ def _contact(fabric: Fabric, seconds: float, x: wp.vec3, start: wp.vec3, p: wp.v
 @wp.kernel
 def descend(
     sheet: Sheet,
+    step: Step,
     fabric: Fabric,
     seconds: float,
     members: wp.array(dtype=int),
-    start: wp.array(dtype=wp.vec3),
-    goal: wp.array(dtype=wp.vec3),
-    metric: wp.array(dtype=wp.vec3),
-    angle: wp.array(dtype=float),
-    surface: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    velocity: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3),
 ):
     """One Newton step of each vertex of a colour, the others held fixed; no two of a colour share a face or hinge."""
@@ -262,28 +264,26 @@ def descend(
     x = position[i]
     per_second = 1.0 / seconds
     inertia = mass * per_second * per_second
-    force, hessian = _contact(fabric, seconds, x, start[i], surface[i], normal[i], velocity[i])
-    force += inertia * (goal[i] - x)
+    force, hessian = _contact(
+        fabric, seconds, x, step.start[i], step.surface[i], step.normal[i], step.speed[i]
+    )
+    force += inertia * (step.goal[i] - x)
     hessian += inertia * wp.identity(n=3, dtype=float)
     for c in range(sheet.corner_start[i], sheet.corner_start[i + 1]):
         of = sheet.corners[c]
-        p, q = position[of[1]], position[of[2]]
-        f, h = _membrane(sheet.corner_rest[c], sheet.area[of[0]], metric[of[0]], fabric, per_second, x, p, q)
+        t, p, q = of[0], position[of[1]], position[of[2]]
+        f, h = _membrane(sheet.corner_rest[c], sheet.area[t], step.metric[t], fabric, per_second, x, p, q)
         force += f
         hessian += h
     damping = fabric.bending_damping * per_second
     for c in range(sheet.tip_start[i], sheet.tip_start[i + 1]):
         k = sheet.tip_hinge[c]
-        f, h = _hinge(
-            sheet.tips[c], False, position, sheet.hinge_rest[k], angle[k], sheet.hinge_stiffness[k], damping
-        )
+        f, h = _hinge(sheet, step, k, sheet.tips[c], False, position, damping)
         force += f
         hessian += h
     for c in range(sheet.spine_start[i], sheet.spine_start[i + 1]):
         k = sheet.spine_hinge[c]
-        f, h = _hinge(
-            sheet.spines[c], True, position, sheet.hinge_rest[k], angle[k], sheet.hinge_stiffness[k], damping
-        )
+        f, h = _hinge(sheet, step, k, sheet.spines[c], True, position, damping)
         force += f
         hessian += h
     if wp.abs(wp.determinant(hessian)) > 1e-8:
@@ -292,11 +292,8 @@ def descend(
 
 @wp.kernel
 def finish(
-    per_second: float,
-    start: wp.array(dtype=wp.vec3),
-    position: wp.array(dtype=wp.vec3),
-    velocity: wp.array(dtype=wp.vec3),
+    step: Step, per_second: float, position: wp.array(dtype=wp.vec3), velocity: wp.array(dtype=wp.vec3)
 ):
     """Velocities from the way gone."""
     i = wp.tid()
-    velocity[i] = (position[i] - start[i]) * per_second
+    velocity[i] = (position[i] - step.start[i]) * per_second

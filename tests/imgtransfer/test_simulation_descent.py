@@ -35,7 +35,7 @@ def dropped(kind, steps, **options):
     cloth = ClothOnBody(mesh, body, faces, material, SolverConfig(iterations=5), held=held)
     if kind == "newton":
         model = cloth.model  # the same model, so that nothing but the stepping differs
-        cloth._stepper = NewtonDescent(model, None, material, 5, self_contact=False)
+        cloth.stepper = NewtonDescent(model, None, material, 5, self_contact=False)
     frames = []
     for number in range(1, steps + 1):
         way = np.array([0.002 * number, 0.001 * number, 0], np.float32)
