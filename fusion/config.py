@@ -29,22 +29,26 @@ class FusionConfig(BaseModel):
         default=100, ge=0, description="Of `local_global`, first stage (edge lengths), at most; 0 skips it."
     )
     normal_iterations: int = Field(
-        default=26,
+        default=50,
         ge=0,
         description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
     )
     edge_tolerance: float = Field(
-        default=0.02,
+        default=0.04,
         ge=0,
         lt=1,
         description="Of `local_global`, no unit: the first stage is finished when a step lowers the objective by a "
         "smaller share of it; much smaller ones draw the cloth to its edges' lengths and away from the maps.",
     )
     normal_tolerance: float = Field(
-        default=0.005, ge=0, lt=1, description="Of `local_global`, no unit: the same for the second stage."
+        default=0.03,
+        ge=0,
+        lt=1,
+        description="Of `local_global`, no unit: the same for the second stage. Smaller ones follow the normal maps "
+        "further, which is worth it where they are right.",
     )
     sdf_every_iterations: int = Field(
-        default=13, ge=1, description="Of `local_global`: steps between two distance queries."
+        default=25, ge=1, description="Of `local_global`: steps between two distance queries."
     )
     edge_steps: int = Field(
         default=100, ge=0, description="Of `adam`, first stage (edge lengths); 0 skips it."

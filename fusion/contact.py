@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
 from fusion.energy import Energy
@@ -69,22 +71,24 @@ class Motion:
         like = energy.vertices
         self.vertices, self.gradient = torch.zeros_like(like), torch.zeros_like(like)
         self.direction, self.length = torch.zeros_like(like), like.new_ones(len(like))
-        frames, count, _ = like.shape
-        self._free, self._advance = (Recorder(like, energy.active, frames) for _ in range(2))
+        count = like.shape[1]
+        self._free, self._advance = (Recorder(like, energy.active) for _ in range(2))
+        self._everywhere = contact is None and loose is None
         place = self._free
-        vertices, direction = place.vectors(self.vertices), place.vectors(self.direction)
-        wall = (
-            [None, None] if contact is None else [place.vectors(contact.normal), place.reals(contact.offset)]
-        )
+        vertices, direction = place.frame_vectors(self.vertices), place.frame_vectors(self.direction)
+        wall: list[Any] = [None, None]
+        if contact is not None:
+            wall = [place.frame_vectors(contact.normal), place.frame_reals(contact.offset)]
         wall.append(None if loose is None else place.ints(loose))
-        gradient = place.vectors(self.gradient)
+        gradient = place.frame_vectors(self.gradient)
         place("free", count, vertices, gradient, *wall, _TOUCHING, direction, direction)
-        length, target = place.reals(self.length), place.vectors(energy.vertices)
+        length, target = place.frame_reals(self.length), place.frame_vectors(energy.vertices)
         self._advance("advance", count, vertices, direction, length, *wall, target)
 
     def project(self) -> torch.Tensor:
         """`direction`, of which what is not open has been taken away."""
-        self._free.run()
+        if not self._everywhere:
+            self._free.run()
         return self.direction
 
     def advance(self) -> None:

@@ -1,7 +1,8 @@
 """Warp kernels of `fusion.energy`; apart from it, because defining them imports Warp.
 
-One thread works on one vertex (or face) of one frame and gathers what it needs, so that nothing depends on the order of
-threads: results repeat exactly, and a frame's do not depend on the frames beside it.
+One thread works on one vertex, edge or face of one frame, and adds what it finds to the vertices at its ends, so that
+nothing is computed twice. On the CPU threads run in order and results repeat exactly; on CUDA sums are taken in any
+order, and repeat up to rounding. A frame's do not depend on the frames beside it.
 """
 
 # mypy: ignore-errors
@@ -13,8 +14,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-# Rows of the energies' table, one value a vertex.
-EDGE, DISPLACEMENT, CONSISTENCY = 0, 1, 2
+# Rows of the energies' table of edges, one value an edge.
+EDGE, CONSISTENCY = 0, 1
 
 
 @cache
@@ -26,48 +27,83 @@ def kernels(bits: int) -> SimpleNamespace:
     module.options["enable_backward"] = False
 
     @wp.kernel(module=module)
-    def normals(
+    def begin(
         active: wp.array(dtype=wp.int32),
         vertices: wp.array2d(dtype=vec3),
-        corner_start: wp.array(dtype=wp.int32),
-        corners: wp.array2d(dtype=wp.int32),
-        normal: wp.array2d(dtype=vec3),
-        inverse_length: wp.array2d(dtype=real),
+        anchor: wp.array2d(dtype=vec3),
+        share: wp.array2d(dtype=real),
+        weight_displacement: real,
+        normal_sum: wp.array2d(dtype=vec3),
+        normal_gradient: wp.array2d(dtype=vec3),
+        gradient: wp.array2d(dtype=vec3),
+        energy: wp.array2d(dtype=real),
     ):
-        """Unit vertex normals, and 1 / length before scaling; both 0 where faces have no area."""
+        """The displacement term; all sums that other kernels add to, put to their first value."""
         t, i = wp.tid()
         if active[t] == 0:
             return
-        here = vertices[t, i]
-        total = vec3()
-        for k in range(corner_start[i], corner_start[i + 1]):
-            total += wp.cross(vertices[t, corners[k, 0]] - here, vertices[t, corners[k, 1]] - here)
+        away = vertices[t, i] - anchor[t, i]
+        energy[t, i] = share[t, i] * wp.dot(away, away)
+        gradient[t, i] = (real(2.0) * weight_displacement * share[t, i]) * away
+        if normal_sum:
+            normal_sum[t, i] = vec3()
+            normal_gradient[t, i] = vec3()
+
+    @wp.kernel(module=module)
+    def face_normals(
+        active: wp.array(dtype=wp.int32),
+        vertices: wp.array2d(dtype=vec3),
+        faces: wp.array2d(dtype=wp.int32),
+        normal_sum: wp.array2d(dtype=vec3),
+    ):
+        """Twice the area times the normal of each face, added to its corners."""
+        t, f = wp.tid()
+        if active[t] == 0:
+            return
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        here = vertices[t, a]
+        normal = wp.cross(vertices[t, b] - here, vertices[t, c] - here)
+        wp.atomic_add(normal_sum, t, a, normal)
+        wp.atomic_add(normal_sum, t, b, normal)
+        wp.atomic_add(normal_sum, t, c, normal)
+
+    @wp.kernel(module=module)
+    def unit_normals(
+        active: wp.array(dtype=wp.int32),
+        normal_sum: wp.array2d(dtype=vec3),
+        inverse_length: wp.array2d(dtype=real),
+    ):
+        """Unit vertex normals in place, and 1 / length before scaling; both 0 where faces have no area."""
+        t, i = wp.tid()
+        if active[t] == 0:
+            return
+        total = normal_sum[t, i]
         length = wp.length(total)
         inverse = real(0.0)
         if length > real(0.0):
             inverse = real(1.0) / length
-        normal[t, i] = total * inverse
+        normal_sum[t, i] = total * inverse
         inverse_length[t, i] = inverse
 
     @wp.kernel(module=module)
     def pixels(
         active: wp.array(dtype=wp.int32),
         normal: wp.array2d(dtype=vec3),
-        face_corners: wp.array2d(dtype=wp.int32),
+        faces: wp.array2d(dtype=wp.int32),
         pixel_start: wp.array(dtype=wp.int32),
         weights: wp.array(dtype=vec3),
         target: wp.array2d(dtype=vec3),
         confidence: wp.array2d(dtype=real),
-        gradient: wp.array3d(dtype=vec3),
+        weight_rendering: real,
+        normal_gradient: wp.array2d(dtype=vec3),
         energy: wp.array2d(dtype=real),
     ):
-        """Sum over a face's pixels of |rendered - target|, and its gradient in the normals of the face's corners."""
+        """Sum over a face's pixels of |rendered - target|; its gradient in the normals of the face's corners."""
         t, f = wp.tid()
         if active[t] == 0:
             return
-        n0 = normal[t, face_corners[f, 0]]
-        n1 = normal[t, face_corners[f, 1]]
-        n2 = normal[t, face_corners[f, 2]]
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        n0, n1, n2 = normal[t, a], normal[t, b], normal[t, c]
         g0, g1, g2 = vec3(), vec3(), vec3()
         total = real(0.0)
         for p in range(pixel_start[f], pixel_start[f + 1]):
@@ -79,94 +115,93 @@ def kernels(bits: int) -> SimpleNamespace:
                 trust = confidence[t, p]
             total += trust * length
             if length > real(0.0):
-                unit = apart * (trust / length)
+                unit = apart * (weight_rendering * trust / length)
                 g0 += unit * w[0]
                 g1 += unit * w[1]
                 g2 += unit * w[2]
-        gradient[t, f, 0] = g0
-        gradient[t, f, 1] = g1
-        gradient[t, f, 2] = g2
+        wp.atomic_add(normal_gradient, t, a, g0)
+        wp.atomic_add(normal_gradient, t, b, g1)
+        wp.atomic_add(normal_gradient, t, c, g2)
         energy[t, f] = total
+
+    @wp.kernel(module=module)
+    def along_edges(
+        active: wp.array(dtype=wp.int32),
+        vertices: wp.array2d(dtype=vec3),
+        edge_start: wp.array(dtype=wp.int32),
+        second: wp.array(dtype=wp.int32),
+        rest_length: wp.array(dtype=real),
+        weight_edge: real,
+        normal: wp.array2d(dtype=vec3),
+        weight_consistency: real,
+        normal_gradient: wp.array2d(dtype=vec3),
+        gradient: wp.array2d(dtype=vec3),
+        energy: wp.array3d(dtype=real),
+    ):
+        """The terms that live on edges: squared change of length, and 1 - cos between the normals at the ends.
+
+        A thread works on all edges whose first end is its vertex.
+        """
+        t, i = wp.tid()
+        if active[t] == 0:
+            return
+        here, pull, around = vertices[t, i], vec3(), vec3()
+        own = vec3()
+        if normal:
+            own = normal[t, i]
+        for e in range(edge_start[i], edge_start[i + 1]):
+            j = second[e]
+            along = here - vertices[t, j]
+            length = wp.length(along)
+            change = length - rest_length[e]
+            energy[t, EDGE, e] = change * change
+            if length > real(0.0):
+                force = along * (real(2.0) * weight_edge * change / length)
+                pull += force
+                wp.atomic_add(gradient, t, j, -force)
+            if normal:
+                other = normal[t, j]
+                energy[t, CONSISTENCY, e] = real(1.0) - wp.dot(own, other)
+                around += other
+                wp.atomic_add(normal_gradient, t, j, own * -weight_consistency)
+        wp.atomic_add(gradient, t, i, pull)
+        if normal:
+            wp.atomic_add(normal_gradient, t, i, around * -weight_consistency)
 
     @wp.kernel(module=module)
     def through_normals(
         active: wp.array(dtype=wp.int32),
         normal: wp.array2d(dtype=vec3),
         inverse_length: wp.array2d(dtype=real),
-        pixel_gradient: wp.array2d(dtype=vec3),
-        shown_start: wp.array(dtype=wp.int32),
-        shown: wp.array(dtype=wp.int32),
-        neighbour_start: wp.array(dtype=wp.int32),
-        neighbours: wp.array(dtype=wp.int32),
-        weight_rendering: real,
-        weight_consistency: real,
-        gradient: wp.array2d(dtype=vec3),
-        energy: wp.array3d(dtype=real),
+        normal_gradient: wp.array2d(dtype=vec3),
     ):
-        """Gradient of both normal terms in the sums of face normals around each vertex."""
+        """Gradient in the unit normals to gradient in the sums of face normals, in place."""
         t, i = wp.tid()
         if active[t] == 0:
             return
-        here = normal[t, i]
-        total = vec3()
-        for k in range(shown_start[i], shown_start[i + 1]):
-            total += pixel_gradient[t, shown[k]]
-        total *= weight_rendering
-        around = vec3()
-        apart = real(0.0)
-        for k in range(neighbour_start[i], neighbour_start[i + 1]):
-            other = normal[t, neighbours[k]]
-            around += other
-            apart += real(0.5) * (real(1.0) - wp.dot(here, other))
-        total -= weight_consistency * around
-        energy[t, CONSISTENCY, i] = apart
-        gradient[t, i] = (total - here * wp.dot(here, total)) * inverse_length[t, i]
+        here, total = normal[t, i], normal_gradient[t, i]
+        normal_gradient[t, i] = (total - here * wp.dot(here, total)) * inverse_length[t, i]
 
     @wp.kernel(module=module)
-    def gradient(
+    def through_faces(
         active: wp.array(dtype=wp.int32),
         vertices: wp.array2d(dtype=vec3),
-        neighbour_start: wp.array(dtype=wp.int32),
-        neighbours: wp.array(dtype=wp.int32),
-        rest_length: wp.array(dtype=real),
-        weight_edge: real,
-        anchor: wp.array2d(dtype=vec3),
-        share: wp.array2d(dtype=real),
-        weight_displacement: real,
-        corner_start: wp.array(dtype=wp.int32),
-        corners: wp.array2d(dtype=wp.int32),
+        faces: wp.array2d(dtype=wp.int32),
         normal_gradient: wp.array2d(dtype=vec3),
-        found: wp.array2d(dtype=vec3),
-        energy: wp.array3d(dtype=real),
+        gradient: wp.array2d(dtype=vec3),
     ):
-        """Gradient of the whole energy in one vertex; the energies of the terms that live on vertices and edges."""
-        t, i = wp.tid()
+        """Gradient in the sums of face normals to gradient in the vertices."""
+        t, f = wp.tid()
         if active[t] == 0:
             return
-        here = vertices[t, i]
-        total = vec3()
-        stretch = real(0.0)
-        for k in range(neighbour_start[i], neighbour_start[i + 1]):
-            along = here - vertices[t, neighbours[k]]
-            length = wp.length(along)
-            change = length - rest_length[k]
-            stretch += real(0.5) * change * change
-            if length > real(0.0):
-                total += along * (change / length)
-        total *= real(2.0) * weight_edge
-        energy[t, EDGE, i] = stretch
-
-        away = here - anchor[t, i]
-        energy[t, DISPLACEMENT, i] = share[t, i] * wp.dot(away, away)
-        total += (real(2.0) * weight_displacement * share[t, i]) * away
-
-        if normal_gradient:
-            own = normal_gradient[t, i]
-            for k in range(corner_start[i], corner_start[i + 1]):
-                a, b = corners[k, 0], corners[k, 1]
-                upstream = own + normal_gradient[t, a] + normal_gradient[t, b]
-                total += wp.cross(upstream, vertices[t, b] - vertices[t, a])
-        found[t, i] = total
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        upstream = normal_gradient[t, a] + normal_gradient[t, b] + normal_gradient[t, c]
+        here = vertices[t, a]
+        to_b = wp.cross(vertices[t, c] - here, upstream)
+        to_c = wp.cross(upstream, vertices[t, b] - here)
+        wp.atomic_add(gradient, t, a, -(to_b + to_c))
+        wp.atomic_add(gradient, t, b, to_b)
+        wp.atomic_add(gradient, t, c, to_c)
 
     @wp.kernel(module=module)
     def free(
@@ -223,10 +258,13 @@ def kernels(bits: int) -> SimpleNamespace:
         found[t, i] = here
 
     return SimpleNamespace(
-        normals=normals,
+        begin=begin,
+        face_normals=face_normals,
+        unit_normals=unit_normals,
         pixels=pixels,
+        along_edges=along_edges,
         through_normals=through_normals,
-        gradient=gradient,
+        through_faces=through_faces,
         free=free,
         advance=advance,
     )

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +12,7 @@ import torch
 
 from fusion.config import FusionConfig
 from fusion.inputs import Array, FusionInputs
+from fusion.parallel import one_torch_thread
 from fusion.pipeline import Piece, Pipeline
 from fusion.stages import Minimum, edge_weights, normal_weights
 from fusion.stopwatch import Stopwatch
@@ -106,7 +106,7 @@ def fuse(
     started = time.perf_counter()
     pieces = []
     watch = Stopwatch(torch.device(device))
-    with _one_thread():
+    with one_torch_thread():
         with watch.stage("setup"):
             pipeline = Pipeline(imager, inputs, config, torch.device(device))
         for frames in pipeline.batches():
@@ -121,20 +121,6 @@ def fuse(
         "stage_seconds": watch.seconds,
     }
     return FusionResult(vertices, start, report)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Keep torch to one CPU thread: a step is a few dozen products of some 0.1 ms each, and threads wait for each
-    other at every one. On a machine in use, two threads took between 0.86 times and 4 times as long as one,
-    depending on what else ran (4,400 and 12,100 vertices, scripts/bench/fusion.py).
-    """
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _report(pieces: list[Piece], config: FusionConfig, history: bool) -> dict[str, Any]:

@@ -10,9 +10,9 @@ from fusion.config import FusionConfig
 from fusion.contact import Contact
 from fusion.energy import TERMS, Energy
 from fusion.factor import Factor
+from fusion.shown import ShownFaces, gradient_laplacian
 from fusion.solver import descend
 from fusion.stages import Minimum, Problem, edge_weights, normal_weights
-from fusion.stencil import ShownFaces, Stencil, gradient_laplacian
 from fusion.topology import Topology
 
 # The system estimates the Hessian of every frame at once, so it can only be roughly right; found by trial on simulated
@@ -52,7 +52,6 @@ class LocalGlobalSolver:
         fixed: torch.Tensor | None = None,
     ) -> None:
         self._topology, self._config, self._shown = topology, config, shown
-        self._stencil = Stencil(topology)
         self._fixed = None if fixed is None else fixed.cpu().numpy()
         self._loose = None if fixed is None else (~fixed).to(device)
         self._place = device, dtype
@@ -93,7 +92,7 @@ class LocalGlobalSolver:
         if share is None:
             share = problem.anchor.new_full((1, problem.anchor.shape[1]), 1 / problem.anchor.shape[1])
         energy = Energy(
-            self._stencil,
+            self._topology,
             weights,
             problem.anchor,
             share if share.ndim == 2 else share[None],

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import torch
 
+from fusion.parallel import n_threads, run_all
 from fusion.warp_start import warp_module
 from render import InputError
 from render.mesh import check_faces, check_finite
 
+_WORTH_A_THREAD = 2000  # points; for fewer, waking it costs more than it does
 _FARTHEST = 1e6  # metres; float32 points farther away have no use
 
 
@@ -121,29 +125,66 @@ class MovingMesh:
             raise InputError("signed distance: points are not finite, or lie more than 1000 km away")
         return flat
 
-    def launch(self, kernel: Any, flat: torch.Tensor, arguments: Sequence[Any], *, count: int) -> None:
-        """Run `kernel(meshes, points per pose, points, *arguments)` on `count` threads.
+    def launch(
+        self,
+        kernel: Any,
+        flat: torch.Tensor,
+        arguments: Sequence[Any],
+        results: Sequence[torch.Tensor] = (),
+        *,
+        count: int,
+    ) -> None:
+        """Run `kernel(meshes, points per pose, points, *arguments, *results)` on `count` threads.
+
+        Where every point has its thread, they are shared out over the CPU's cores; Warp itself uses one.
 
         Args:
             kernel: of `fusion.sdf_kernels`.
             flat: (P, 3), as `points` returned them.
             arguments: numbers and contiguous tensors, which are read or filled in place.
+            results: (P, ...) contiguous tensors with a row a point, filled in place.
             count: threads; with 0 nothing happens.
         """
         if not count:
             return
+        poses, parts = len(self._meshes), 1
+        if count == len(flat) and self.device.type == "cpu":
+            parts = max(1, min(n_threads(), count // _WORTH_A_THREAD))
+        # Cut between poses; a single one anywhere.
+        ends = np.linspace(0, poses if poses > 1 else len(flat), parts + 1).round().astype(int)
+        ends *= len(flat) // poses if poses > 1 else 1
+        pieces = [
+            partial(self._launch, kernel, flat, arguments, results, count, slice(first, last))
+            for first, last in pairwise(ends.tolist())
+            if first < last
+        ]
+        run_all(pieces)
+
+    def _launch(  # noqa: PLR0917
+        self,
+        kernel: Any,
+        flat: torch.Tensor,
+        arguments: Sequence[Any],
+        results: Sequence[torch.Tensor],
+        count: int,
+        part: slice,
+    ) -> None:
+        """`launch` for some of the points, all of one pose or of whole poses."""
         warp = warp_module()
         converted = [
-            warp.from_torch(value) if isinstance(value, torch.Tensor) else value for value in arguments
+            warp.from_torch(value) if isinstance(value, torch.Tensor) else value
+            for value in (*arguments, *(result[part] for result in results))
         ]
-        inputs = [
-            self._ids,
-            len(flat) // len(self._meshes),
-            warp.from_torch(flat, dtype=warp.vec3),
-            *converted,
-        ]
+        per_pose = len(flat) // len(self._meshes)
+        ids = self._ids[part.start // per_pose : -(-part.stop // per_pose)]
+        points = warp.from_torch(flat[part], dtype=warp.vec3)
         with _torch_stream(self.device):
-            warp.launch(kernel, dim=count, inputs=inputs, device=self._warp_device)
+            warp.launch(
+                kernel,
+                dim=min(count, len(points)),
+                inputs=[ids, per_pose, points, *converted],
+                device=self._warp_device,
+            )
 
 
 @contextmanager

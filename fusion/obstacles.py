@@ -84,7 +84,7 @@ class OuterSurface:
 
         flat = self._mesh.points(points)
         packed = torch.empty((len(flat), 7), dtype=torch.float32, device=self._mesh.device)
-        self._mesh.launch(kernels.surface, flat, [*self._numbers, self._rims, packed], count=len(flat))
+        self._mesh.launch(kernels.surface, flat, [*self._numbers, self._rims], [packed], count=len(flat))
         return unpacked(packed, points)
 
     def distance(self, points: torch.Tensor) -> torch.Tensor:

@@ -17,8 +17,8 @@ from fusion.local_global import LocalGlobalSolver
 from fusion.losses import anchor_share
 from fusion.obstacles import MovingObstacle, Obstacles, OuterSurface
 from fusion.sdf import BodySdf, SdfQuery
+from fusion.shown import ShownFaces
 from fusion.stages import Minimum, Problem, Solver
-from fusion.stencil import ShownFaces
 from fusion.stopwatch import Stopwatch
 from fusion.topology import Topology
 from render.imager import TemplateImager

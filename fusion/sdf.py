@@ -142,10 +142,10 @@ class BodySdf:
         packed = torch.empty((len(flat), 7), dtype=torch.float32, device=self.device)
         if self.sign != "checked":
             kernel = kernels.winding if self.sign == "winding" else kernels.normal
-            self._body.launch(kernel, flat, [self._band, packed], count=len(flat))
+            self._body.launch(kernel, flat, [self._band], [packed], count=len(flat))
             return unpacked(packed, points)
         doubt = torch.empty(len(flat), dtype=torch.int32, device=self.device)
-        self._body.launch(kernels.checked, flat, [self._band, packed, doubt], count=len(flat))
+        self._body.launch(kernels.checked, flat, [self._band], [packed, doubt], count=len(flat))
         doubtful = doubt.nonzero()[:, 0].int()
         if len(doubtful):
             arguments = [self._band, doubtful, doubt, packed]

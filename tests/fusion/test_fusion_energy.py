@@ -14,7 +14,7 @@ from fusion.losses import (
     normal_rendering_loss,
     temporal_loss,
 )
-from fusion.stencil import ShownFaces, Stencil, gradient_laplacian
+from fusion.shown import ShownFaces, gradient_laplacian
 from render import Mesh
 from render.mesh import safe_normalize
 
@@ -32,11 +32,11 @@ FRAMES = 4
 def parts():
     imager = imager_of(tube())
     topology = Topology(imager.mesh)
-    return topology, Stencil(topology), ShownFaces.of(imager.raster, topology)
+    return topology, ShownFaces.of(imager.raster, topology)
 
 
 def problem(parts, dtype=torch.float64):
-    topology, _, shown = parts
+    topology, shown = parts
     generator = torch.Generator().manual_seed(0)
 
     def noise(*shape):
@@ -52,7 +52,7 @@ def problem(parts, dtype=torch.float64):
 
 def expected(parts, vertices, *rest):
     anchor, share, target, confidence = rest
-    topology, _, shown = parts
+    topology, shown = parts
     normals = topology.normals(vertices)
     rendered = shown.product(topology.n_vertices)(normals)
     return {
@@ -69,7 +69,7 @@ def test_terms_and_gradient_equal_the_losses_in_float64(parts, left_out):
     vertices, *rest = problem(parts)
     anchor, share, target, confidence = rest
     weights = {name: weight for name, weight in WEIGHTS.items() if name != left_out}
-    energy = Energy(parts[1], weights, anchor, share, shown=parts[2], target=target, confidence=confidence)
+    energy = Energy(parts[0], weights, anchor, share, shown=parts[1], target=target, confidence=confidence)
     energy.vertices.copy_(vertices)
     found = dict(zip(TERMS, energy.evaluate().T, strict=True))
     vertices.requires_grad_()
@@ -85,7 +85,7 @@ def test_float32_is_float64_within_rounding(parts):
     energies = []
     for dtype in (torch.float32, torch.float64):
         vertices, anchor, share, target, _ = problem(parts, dtype)
-        energies.append(Energy(parts[1], WEIGHTS, anchor, share, shown=parts[2], target=target))
+        energies.append(Energy(parts[0], WEIGHTS, anchor, share, shown=parts[1], target=target))
         energies[-1].vertices.copy_(vertices)
     terms = [energy.evaluate() for energy in energies]
     torch.testing.assert_close(*terms, rtol=2e-4, atol=1e-9)
@@ -99,11 +99,11 @@ def test_frames_do_not_touch_each_other(parts):
 
     def evaluated(frames):
         energy = Energy(
-            parts[1],
+            parts[0],
             weights,
             anchor[frames],
             share[frames],
-            shown=parts[2],
+            shown=parts[1],
             target=target[frames],
             confidence=confidence[frames],
         )
@@ -119,7 +119,7 @@ def test_frames_do_not_touch_each_other(parts):
 
 def test_frames_that_are_not_active_keep_their_last_values(parts):
     vertices, anchor, share, *_ = problem(parts)
-    energy = Energy(parts[1], {"edge_length_m2": 1.0}, anchor, share)
+    energy = Energy(parts[0], {"edge_length_m2": 1.0}, anchor, share)
     before, gradient = energy.evaluate(), energy.gradient.clone()
     energy.vertices.copy_(vertices)
     energy.active.copy_(torch.tensor([1, 0, 0, 1]))
@@ -136,7 +136,7 @@ def test_a_face_without_area_and_a_vertex_without_face_have_finite_gradients():
     )
     topology = Topology(mesh)
     anchor = torch.from_numpy(mesh.vertices)[None].clone()
-    energy = Energy(Stencil(topology), WEIGHTS, anchor, torch.full((1, 5), 0.2))
+    energy = Energy(topology, WEIGHTS, anchor, torch.full((1, 5), 0.2))
     assert torch.isfinite(energy.evaluate()).all()
     assert torch.isfinite(energy.gradient).all()
     assert torch.equal(energy.gradient[0, 4], torch.zeros(3, dtype=torch.float64))
@@ -154,5 +154,5 @@ def test_gradient_laplacian_of_a_linear_function_is_its_slope_squared():
 def test_pixels_in_the_order_of_their_faces_are_the_renderer_s(parts):
     imager = imager_of(tube())
     values = torch.from_numpy(tube().vertices)
-    want = imager.operator(values).reshape(-1, 3)[parts[2].places]
-    torch.testing.assert_close(parts[2].product(len(values))(values), want)
+    want = imager.operator(values).reshape(-1, 3)[parts[1].places]
+    torch.testing.assert_close(parts[1].product(len(values))(values), want)
