@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.bench import fusion, measuring, render, store, training
+from scripts.bench import fusion, measuring, render, simulation, store, training
 from scripts.bench.measuring import Results, Timings, interleaved
 
 ROOT = Path(__file__).parents[1]
@@ -52,6 +52,16 @@ KEYS = {
             )
         ),
     },
+    "simulation": {
+        "vertices",
+        "frames_per_s",
+        "p99_stretch",
+        "sunk_percent",
+        "gates_failed",
+        "ratio_newton_to_ours",
+        "difference_mm",
+        *(f"{stage}_ms" for stage in ("skin", "collider", "start", "contacts", "descent")),
+    },
     "store": {
         "write_frames_per_s",
         "frames_per_s_uncached",
@@ -72,7 +82,7 @@ KEYS = {
         "ratio_svd_to_polar",
     },
 }
-BENCHES = {"render": render, "fusion": fusion, "store": store, "training": training}
+BENCHES = {"render": render, "fusion": fusion, "simulation": simulation, "store": store, "training": training}
 
 
 @pytest.mark.parametrize("name", BENCHES)

@@ -15,6 +15,7 @@ from render import InputError
 
 THIGH, SHIN, ANKLE_HEIGHT = 0.40, 0.40, 0.06  # metres
 BLEND_IN = 0.6  # seconds from standing into the motion
+FASTEST_FALL = 0.8 * 9.81  # m/s²; a body that fell faster than its clothes would leave them behind
 STEP_LENGTH = 0.9  # share of the legs' swing that walking turns into way
 
 
@@ -55,7 +56,7 @@ def make_motion(
 
 
 def _path(poses: np.ndarray, hop: np.ndarray, fps: float, *, travels: bool) -> np.ndarray:
-    """(T, 3) pelvis positions that keep the lower foot on the floor, plus `hop` (T,) metres."""
+    """(T, 3) pelvis positions that keep the lower foot on the floor, plus `hop` (T,) metres, as gravity allows."""
     rotations = global_rotations(poses)
     pelvis = rotations[:, 0]
     feet = []
@@ -65,7 +66,10 @@ def _path(poses: np.ndarray, hop: np.ndarray, fps: float, *, travels: bool) -> n
         feet.append(pelvis @ HIP_MIDDLE + THIGH * thigh + SHIN * shin)
     drop = np.stack(feet)[:, :, 1]
     trans = np.zeros((len(poses), 3))
-    trans[:, 1] = gaussian_filter1d(ANKLE_HEIGHT - drop.min(axis=0), 0.05 * fps, mode="nearest") + hop
+    height = gaussian_filter1d(ANKLE_HEIGHT - drop.min(axis=0), 0.05 * fps, mode="nearest") + hop
+    # Landings are rounded off, which at the ends of the motion may bend the path downwards again.
+    rounded = gaussian_filter1d(falling_slower(height, fps), 0.03 * fps, mode="nearest")
+    trans[:, 1] = falling_slower(rounded, fps)
     if travels:
         # What the standing foot moves back under the body, the body moves forward.
         forward = pelvis[:, :, 2] * [1.0, 0.0, 1.0]
@@ -76,3 +80,24 @@ def _path(poses: np.ndarray, hop: np.ndarray, fps: float, *, travels: bool) -> n
         step = gaussian_filter1d(step, 0.15 * fps, mode="nearest")
         trans += np.cumsum(step[:, None] * forward, axis=0)
     return trans
+
+
+def falling_slower(height: np.ndarray, fps: float) -> np.ndarray:
+    """The highest path under `height` (T,), metres, that nowhere accelerates downwards by more than `FASTEST_FALL`.
+
+    With half of that times t² added, such a path is convex: it is the lower convex hull of what is given, without the
+    same again.
+    """
+    time = np.arange(len(height)) / fps
+    parabola = FASTEST_FALL / 2 * time**2
+    lifted = height + parabola
+    hull: list[int] = []
+    for new in range(len(height)):
+        while len(hull) > 1:
+            before, last = hull[-2:]
+            rise = (lifted[new] - lifted[before]) / (time[new] - time[before])
+            if lifted[last] < lifted[before] + rise * (time[last] - time[before]):
+                break
+            hull.pop()
+        hull.append(new)
+    return np.interp(time, time[hull], lifted[hull]) - parabola

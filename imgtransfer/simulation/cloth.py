@@ -18,6 +18,7 @@ from render import InputError
 from render.mesh import Mesh
 
 GRAVITY = (0.0, -9.81, 0.0)  # m/s²
+_ROUND = 0.03  # metres, the radius of the sharpest bends that cloth lies on: knees, elbows, shoulders
 _EVERYWHERE = 1e4  # metres; the collider's bounding box, which Newton computes for the rest pose only
 
 
@@ -46,6 +47,9 @@ class ClothOnBody:
         builder = newton.ModelBuilder(up_axis=newton.Axis.Y, gravity=GRAVITY)
         edge = np.linalg.norm(np.diff(cloth.vertices[cloth.edges], axis=1), axis=-1).mean()
         hinge = 2 / np.sqrt(3) * material.bending / edge
+        # Only vertices meet the skin. Between them a straight edge on a round limb would sink in by its sagitta.
+        kept = material.thickness + edge**2 / (8 * _ROUND)
+        material = material.model_copy(update={"thickness": float(kept)})
         builder.add_cloth_mesh(
             pos=warp.vec3(0.0),
             rot=warp.quat_identity(),
@@ -107,12 +111,16 @@ class ClothOnBody:
             cloth = self.state.particle_q.numpy()
             cloth[self._held] = held
             self.state.particle_q.assign(cloth)
+        self.move_body(body_vertices, seconds)
+        self.stepper.step(self.state, seconds)
+
+    def move_body(self, body_vertices: np.ndarray, seconds: float) -> None:
+        """Move the body alone to (B, 3) in `seconds`; its surface gets the velocity that this takes."""
         body = body_vertices.astype(np.float32)
         self.collider.points.assign(body)
         self.collider.velocities.assign((body - self._body) / seconds)
         self.collider.refit()
         self._body = body
-        self.stepper.step(self.state, seconds)
 
 
 def _libraries() -> tuple[Any, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,7 +40,7 @@ class ClothConfig(_Section):
     friction: float = Field(_COTTON["friction"], ge=0)  # Coulomb coefficient against the skin
     # Metres between vertices and skin: more than the cloth itself, because it keeps faces out of the skin, too.
     thickness: float = Field(_COTTON["thickness"], gt=0)
-    contact_stiffness: float = Field(2000.0, gt=0)  # N/m per vertex
+    contact_stiffness: float = Field(6000.0, gt=0)  # N/m per vertex
 
     @model_validator(mode="before")
     @classmethod
@@ -128,6 +129,17 @@ class FileMotions(_Section):
     turning: float = Field(TURNING, gt=0)  # degrees a second of a joint; faster motions are left out
     path_speed: float = Field(PATH_SPEED, gt=0)  # m/s of the pelvis; faster motions are left out
 
+    def split(self, name: str) -> Split:
+        """Which split a motion file belongs to."""
+        named: tuple[tuple[Split, tuple[str, ...]], ...] = (
+            ("test", self.test),
+            ("validation", self.validation),
+        )
+        for split, patterns in named:
+            if any(fnmatch.fnmatch(name, pattern) for pattern in patterns):
+                return split
+        return "train"
+
 
 class SimulateConfig(_Section):
     """A data set to simulate. Unknown keys are refused."""
@@ -138,11 +150,27 @@ class SimulateConfig(_Section):
     fps: float = Field(30.0, gt=0)
     body: BodyConfig = AnnyConfig()
     garment: GarmentConfig = TShirtConfig()
+    # Several in place of the one: every motion is simulated in every garment, on the bodies in turn or on every body.
+    bodies: tuple[BodyConfig, ...] = ()
+    garments: tuple[GarmentConfig, ...] = ()
+    every_body: bool = False
     cloth: ClothConfig = ClothConfig()
     solver: SolverConfig = SolverConfig()
     gates: GateConfig = GateConfig()
     files: FileMotions = FileMotions()
     clips: tuple[LibraryMotion, ...] = ()
+
+    def singles(self, number: int) -> list[SimulateConfig]:
+        """The configurations, of one garment and body each, that motion `number` (from 0) is simulated with."""
+        bodies = self.bodies or (self.body,)
+        several = {"bodies": (), "garments": (), "every_body": False}
+        chosen = []
+        for turn, garment in enumerate(self.garments or (self.garment,)):
+            worn_by = bodies if self.every_body else (bodies[(number + turn) % len(bodies)],)
+            chosen += [
+                self.model_copy(update={"garment": garment, "body": body, **several}) for body in worn_by
+            ]
+        return chosen
 
 
 def load_config(path: str | Path) -> SimulateConfig:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import hashlib
 import sys
 from collections.abc import Sequence
@@ -45,8 +44,8 @@ def plan(config: SimulateConfig, files: Sequence[Path] = (), *, frames: int | No
     Raises:
         InputError: nothing to simulate, two clips of one name, or a motion file that cannot be read.
     """
-    tasks = [
-        Task(motion, clips.split, config) for clips in config.clips for motion in clips.motions(config.fps)
+    motions: list[tuple[Motion, Split]] = [
+        (motion, clips.split) for clips in config.clips for motion in clips.motions(config.fps)
     ]
     for path in motion_files(files):
         motion = load_motion(path, fps=config.fps, up_axis=config.files.up_axis)
@@ -54,12 +53,14 @@ def plan(config: SimulateConfig, files: Sequence[Path] = (), *, frames: int | No
         if faults:
             print(f"left out {path}: {'; '.join(faults)}", file=sys.stderr)
             continue
-        motion = arms_out(motion, config.files.arms_out)
-        split: Split = "train"
-        for name, patterns in (("validation", config.files.validation), ("test", config.files.test)):
-            if any(fnmatch.fnmatch(motion.name, pattern) for pattern in patterns):
-                split = name  # type: ignore[assignment]
-        tasks.append(Task(motion, split, config))
+        motions.append((arms_out(motion, config.files.arms_out), config.files.split(motion.name)))
+    tasks = [
+        Task(motion, split, single)
+        for number, (motion, split) in enumerate(motions)
+        for single in config.singles(number)
+    ]
+    # Clips of one garment and body next to each other: what a process has made for one, it has for the next.
+    tasks.sort(key=lambda task: (task.name.partition("/")[0], task.config.body.title))
     names = [task.name for task in tasks]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

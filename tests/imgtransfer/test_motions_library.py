@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import INDEX, global_rotations, segment_direction
 from imgtransfer.motions.kinds import KINDS, Clock
-from imgtransfer.motions.library import make_motion
+from imgtransfer.motions.library import FASTEST_FALL, falling_slower, make_motion
 from imgtransfer.motions.limits import LIMITS, NEUTRAL, poses_from_angles, within_limits
 from imgtransfer.motions.motion import Motion, arms_out, resample
 from render import InputError
@@ -46,6 +46,27 @@ def test_walking_goes_forward_and_squatting_goes_down():
     assert way[-1, 2] > 1.0
     height = make_motion("squat", seed=1, seconds=4).trans[:, 1]
     assert height.max() - height.min() > 0.15
+
+
+def test_a_path_falls_no_faster_than_allowed_by_hand():
+    # A step down from 1 m becomes a parabola that ends where the step does; what is gentle stays.
+    step = np.where(np.arange(30) < 15, 1.0, 0.0)
+    path = falling_slower(step, 30.0)
+    assert np.all(path <= step + 1e-12)
+    assert np.diff(path, 2).min() * 900 == pytest.approx(-FASTEST_FALL)
+    fallen = FASTEST_FALL / 2 * (np.arange(30) / 30) ** 2
+    np.testing.assert_allclose(
+        path[:15], (1 - fallen)[:15] - (1 - fallen[15]) * np.arange(15) / 15, atol=1e-9
+    )
+    gentle = 0.05 * np.sin(np.arange(60) / 10)
+    np.testing.assert_allclose(falling_slower(gentle, 30.0), gentle, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["run", "jump"])
+def test_nobody_falls_away_from_the_clothes(kind):
+    for seed in range(4):
+        height = make_motion(kind, seed=seed, seconds=3).trans[:, 1]
+        assert np.diff(height, 2).min() * 900 > -1.01 * FASTEST_FALL
 
 
 def test_hanging_arm_and_raised_arm_by_hand():

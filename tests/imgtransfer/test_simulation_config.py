@@ -22,7 +22,7 @@ def motion_file(path):
     return path
 
 
-@pytest.mark.parametrize("name", ["sample", "pretrain", "cmu"])
+@pytest.mark.parametrize("name", ["sample", "small", "full", "pretrain", "cmu"])
 def test_the_committed_configurations_are_read(name):
     assert load_config(CONFIGS / f"{name}.yaml").fps == 30
 
@@ -55,6 +55,26 @@ def test_motion_files_get_their_split_by_name(tmp_path):
     config = SimulateConfig(files={"test": ("run_*",), "validation": ("run_a", "hop"), "arms_out": 0})
     splits = {task.motion.name: task.split for task in plan(config, [tmp_path])}
     assert splits == {"run_a": "test", "run_b": "test", "hop": "validation"}
+
+
+def test_garments_are_worn_by_the_bodies_in_turn_or_by_all(tmp_path):
+    text = """
+garments: [{kind: skirt}, {kind: dress}]
+bodies: [{}, {seed: 1}, {seed: 2}]
+every_body: %s
+clips: [{motion: walk, last_seed: 1, seconds: 1}]
+"""
+    tasks = plan(load_config(written(tmp_path, text % "false")))
+    assert [task.name for task in tasks] == [
+        "dress/walk_s0_anny1",
+        "dress/walk_s1_anny2",
+        "skirt/walk_s0",
+        "skirt/walk_s1_anny1",
+    ]
+    assert tasks[0].config.garment.kind == "dress"
+    assert tasks[0].config.bodies == ()
+    every = plan(load_config(written(tmp_path, text % "true")))
+    assert len({task.name for task in every}) == 12
 
 
 @pytest.mark.parametrize(("text", "wanted"), [

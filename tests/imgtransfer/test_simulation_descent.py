@@ -80,7 +80,7 @@ def test_friction_decides_whether_cloth_rides_along():
     moved = {}
     for friction in (0.0, 0.6):
         material = ClothConfig.model_validate({"friction": friction})
-        cloth = ClothOnBody(sheet(height=0.0035), body, faces, material, SolverConfig())
+        cloth = ClothOnBody(sheet(height=0.0115), body, faces, material, SolverConfig())
         for number in range(1, 121):  # 0.5 s at 1 m/s² sideways, a sixth of what friction 0.6 can hold
             cloth.step(body + np.array([0.5 * (number / 240) ** 2, 0, 0], np.float32), 1 / 240)
         moved[friction] = cloth.vertices[:, 0].mean()
