@@ -83,9 +83,14 @@ class ClothOnBody:
         model.shape_collision_aabb_lower.fill_(warp.vec3(-_EVERYWHERE))
         model.shape_collision_aabb_upper.fill_(warp.vec3(_EVERYWHERE))
         self.collider: Any = collider.mesh
-        stepper = NewtonDescent if solver.self_contact else ClothDescent
         self.model: Any = model
-        self.stepper: Any = stepper(model, self.collider, material, solver.iterations)
+        self.stepper: NewtonDescent | ClothDescent
+        if solver.self_contact:
+            self.stepper = NewtonDescent(model, material, solver.iterations)
+        else:
+            self.stepper = ClothDescent(
+                model, self.collider, material, solver.iterations, relaxation=solver.relaxation
+            )
         self.state: Any = model.state()
         self._body = body_vertices.astype(np.float32)
 

@@ -60,6 +60,8 @@ class SolverConfig(_Section):
     min_substeps: int = Field(10, ge=1)  # of a frame, however slow
     max_substeps: int = Field(24, ge=1)  # of a frame, however fast
     iterations: int = Field(4, ge=1)  # of vertex block descent, a substep
+    # Factor on every move of a vertex. 1.5 leaves about half the stretch that 1 does; 2 would not come to rest.
+    relaxation: float = Field(1.5, ge=0.5, lt=1.9)
     settle_seconds: float = Field(0.8, ge=0)  # the cloth comes to rest on the resting body
     warm_up_seconds: float = Field(0.7, gt=0)  # from the rest pose to the first frame; not recorded
     self_contact: bool = False  # whether the cloth collides with itself; takes several times as long

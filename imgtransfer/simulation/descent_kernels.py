@@ -57,6 +57,7 @@ class Fabric:
     contact_damping: float
     friction: float
     thickness: float
+    relaxation: float  # factor on every move of a vertex
 
 
 @wp.struct
@@ -287,7 +288,7 @@ def descend(
         force += f
         hessian += h
     if wp.abs(wp.determinant(hessian)) > 1e-8:
-        position[i] = x + wp.inverse(hessian) * force
+        position[i] = x + fabric.relaxation * (wp.inverse(hessian) * force)
 
 
 @wp.kernel

@@ -12,18 +12,17 @@ class NewtonDescent:
     """Steps a cloth in time with SolverVBD.
 
     Args:
-        model: a Newton model of one cloth and one shape. body: that shape's mesh.
+        model: a Newton model of one cloth and one shape, the body.
         material: see `ClothConfig`; the cloth keeps half its `thickness` from itself.
         iterations: of descent, a step.
         self_contact: False leaves only the contact with the body, as `ClothDescent` computes it.
     """
 
     def __init__(
-        self, model: Any, body: Any, material: ClothConfig, iterations: int, *, self_contact: bool = True
+        self, model: Any, material: ClothConfig, iterations: int, *, self_contact: bool = True
     ) -> None:
         import newton  # noqa: PLC0415 (heavy, optional)
 
-        del body  # the model's shape has it already
         self._pipeline = newton.CollisionPipeline(model, soft_contact_gap=CONTACT_GAP)
         self._contacts = self._pipeline.contacts()
         base = newton.solvers.SolverBase
