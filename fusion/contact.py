@@ -75,14 +75,14 @@ class Motion:
         self._free, self._advance = (Recorder(like, energy.active) for _ in range(2))
         self._everywhere = contact is None and loose is None
         place = self._free
-        vertices, direction = place.frame_vectors(self.vertices), place.frame_vectors(self.direction)
+        vertices, direction = place.vectors(self.vertices), place.vectors(self.direction)
         wall: list[Any] = [None, None]
         if contact is not None:
-            wall = [place.frame_vectors(contact.normal), place.frame_reals(contact.offset)]
+            wall = [place.vectors(contact.normal), place.reals(contact.offset)]
         wall.append(None if loose is None else place.ints(loose))
-        gradient = place.frame_vectors(self.gradient)
+        gradient = place.vectors(self.gradient)
         place("free", count, vertices, gradient, *wall, _TOUCHING, direction, direction)
-        length, target = place.frame_reals(self.length), place.frame_vectors(energy.vertices)
+        length, target = place.reals(self.length), place.vectors(energy.vertices)
         self._advance("advance", count, vertices, direction, length, *wall, target)
 
     def project(self) -> torch.Tensor:

@@ -69,25 +69,25 @@ class Energy:
         )
         self.factors = torch.tensor(list(self._weights.values()), dtype=torch.float64).to(anchor.device)
         self._record = place = Recorder(anchor, self.active)
-        vertices, gradient = place.frame_vectors(self.vertices), place.frame_vectors(self.gradient)
+        vertices, gradient = place.vectors(self.vertices), place.vectors(self.gradient)
         normal = through = None
         if self._weights["normal_rendering"] or self._weights["normal_consistency"]:
-            normal, through = (place.frame_vectors(anchor.new_zeros(frames, count, 3)) for _ in range(2))
+            normal, through = (place.vectors(anchor.new_zeros(frames, count, 3)) for _ in range(2))
         place(
             "begin",
             count,
             vertices,
-            place.frame_vectors(anchor),
-            place.frame_reals(share.to(anchor).expand(frames, -1)),
+            place.vectors(anchor),
+            place.reals(share.to(anchor).expand(frames, -1)),
             self._weights["displacement_m2"],
             normal,
             through,
             gradient,
-            place.frame_reals(self._of_vertices),
+            place.reals(self._of_vertices),
         )
         faces = place.ints(topology.faces)
         if normal is not None:
-            inverse = place.frame_reals(anchor.new_zeros(frames, count))
+            inverse = place.reals(anchor.new_zeros(frames, count))
             place("face_normals", len(topology.faces), vertices, faces, normal)
             place("unit_normals", count, normal, inverse)
             if shown is not None and target is not None:
@@ -105,7 +105,7 @@ class Energy:
             self._weights["normal_consistency"] / n_edges,
             through,
             gradient,
-            place.frame_reals(self._of_edges),
+            place.reals(self._of_edges),
         )
         if normal is not None:
             place("through_normals", count, normal, inverse, through)
@@ -144,9 +144,9 @@ class Energy:
             place.ints(shown.faces),
             place.ints(shown.pixel_start),
             place.vectors(torch.from_numpy(shown.weights)),
-            place.frame_vectors(target),
-            None if confidence is None else place.frame_reals(confidence),
+            place.vectors(target),
+            None if confidence is None else place.reals(confidence),
             self._weights["normal_rendering"] / float(self._divisors[3]),
             through,
-            place.frame_reals(self._of_faces),
+            place.reals(self._of_faces),
         )

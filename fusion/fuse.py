@@ -29,9 +29,9 @@ class FusionResult:
         report: plain numbers by name, means over frames: `solver`; `terms` at the start and end of each stage
             (unweighted, lengths in metres) and `total`, their weighted sum; `iterations` by stage;
             `unseen_percent` of the vertices, `penetration_percent` before and after the clean-up (where there is a
-            body or a garment beneath); `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames together:
-            setup, start, edge, normal, clearance); `history` on request: by stage and term (or "total") a list with
-            one value an iteration, from before the first to after the last.
+            body or a garment beneath); `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads
+            together: setup, start, edge, normal, clearance); `history` on request: by stage and term (or "total")
+            a list with one value an iteration, from before the first to after the last.
     """
 
     vertices: np.ndarray
@@ -109,8 +109,8 @@ def fuse(
     with one_torch_thread():
         with watch.stage("setup"):
             pipeline = Pipeline(imager, inputs, config, torch.device(device))
-        for frames in pipeline.batches():
-            pieces.append(pipeline.solve(frames, watch))
+        for piece in pipeline.pieces(watch):
+            pieces.append(piece)
             if progress is not None:
                 progress(len(pieces[-1].vertices))
     vertices, start = (np.concatenate([getattr(p, key) for p in pieces]) for key in ("vertices", "initial"))

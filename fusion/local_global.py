@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from threading import Lock
+
 import numpy as np
 import scipy.sparse
 import torch
@@ -29,7 +31,7 @@ _FLOOR = 1e-6
 
 
 class LocalGlobalSolver:
-    """Both stages by `descend`, on Warp and a sparse Cholesky factor; CPU and CUDA.
+    """Both stages by `descend`, on Warp and a sparse Cholesky factor; CPU and CUDA, several threads at once.
 
     Args:
         topology: of the template.
@@ -58,6 +60,7 @@ class LocalGlobalSolver:
         self._edge_weights, self._normal_weights = edge_weights(config), normal_weights(config)
         self._edge_factor = self._factor(self._edge_hessian(seen.cpu().numpy()))
         self._normal_factor: Factor | None = None
+        self._lock = Lock()
 
     def edge_stage(self, problem: Problem) -> Minimum:
         """First stage: L_e + λ_rv L_rv, the displacement over visible vertices only."""
@@ -67,8 +70,9 @@ class LocalGlobalSolver:
     def normal_stage(self, problem: Problem) -> Minimum:
         """Second stage, equation 8; vertices are held outside of the obstacle (see `descend`)."""
         config, contact = self._config, None
-        if self._normal_factor is None:
-            self._normal_factor = self._factor(self._normal_hessian())
+        with self._lock:  # of several threads, the first one makes it
+            if self._normal_factor is None:
+                self._normal_factor = self._factor(self._normal_hessian())
         if problem.obstacle is not None and config.weight_collision:
             contact = Contact(
                 problem.obstacle,

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from fusion.parallel import n_threads, run_all
-from fusion.warp_start import warp_module
+from fusion.warp_start import launch, warp_module
 from render import InputError
 from render.mesh import check_faces, check_finite
 
@@ -179,7 +179,7 @@ class MovingMesh:
         ids = self._ids[part.start // per_pose : -(-part.stop // per_pose)]
         points = warp.from_torch(flat[part], dtype=warp.vec3)
         with _torch_stream(self.device):
-            warp.launch(
+            launch(
                 kernel,
                 dim=min(count, len(points)),
                 inputs=[ids, per_pose, points, *converted],

@@ -14,14 +14,14 @@ _threads: ContextVar[int | None] = ContextVar("threads", default=None)
 
 
 def n_threads() -> int:
-    """How many threads `run_all` may keep busy: as many as torch has, or had outside of `one_torch_thread`."""
+    """How many threads may be kept busy: as many as torch has, or had outside of `one_torch_thread`."""
     known = _threads.get()
     return torch.get_num_threads() if known is None else known
 
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Keep torch to one CPU thread inside the block, and leave the others to `run_all`.
+    """Keep torch to one CPU thread inside the block, and leave the others to whoever asks `n_threads`.
 
     A step is a few dozen products of some 0.1 ms each, and torch's threads wait for each other at every one. On a
     machine in use, two of them took between 0.86 times and 4 times as long as one, depending on what else ran
@@ -35,6 +35,12 @@ def one_torch_thread() -> Iterator[None]:
     finally:
         torch.set_num_threads(threads)
         _threads.reset(token)
+
+
+def be_one_of_many() -> None:
+    """For the start of a thread that is one of several: nothing in it starts threads of its own."""
+    torch.set_num_threads(1)  # OpenMP counts by thread
+    _threads.set(1)
 
 
 def run_all(pieces: Sequence[Callable[[], None]]) -> None:

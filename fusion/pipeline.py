@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from queue import SimpleQueue
 
 import numpy as np
 import torch
@@ -16,6 +18,7 @@ from fusion.inputs import FusionInputs
 from fusion.local_global import LocalGlobalSolver
 from fusion.losses import anchor_share
 from fusion.obstacles import MovingObstacle, Obstacles, OuterSurface
+from fusion.parallel import be_one_of_many, n_threads
 from fusion.sdf import BodySdf, SdfQuery
 from fusion.shown import ShownFaces
 from fusion.stages import Minimum, Problem, Solver
@@ -65,32 +68,54 @@ class Pipeline:
         if inputs.pinned is not None:
             self._fixed = torch.zeros(len(imager.mesh.vertices), dtype=torch.bool, device=device)
             self._fixed[inputs.pinned] = True
-        self._obstacle = _obstacle(inputs, config, device)
+        self._threads = self._usable_threads()
+        # An obstacle stands in one pose at a time: each thread takes one while it works.
+        self._obstacles: SimpleQueue[_Remembering | None] = SimpleQueue()
+        for _ in range(self._threads):
+            self._obstacles.put(_obstacle(inputs, config, device))
         self._solver = self._make_solver()
         self._confidence = inputs.confidence
         if self._confidence is not None and bool((self._confidence[:, imager.mask] == 1).all()):
             self._confidence = None  # to the last bit the same
         self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
 
-    def batches(self) -> Iterator[slice]:
+    def batches(self) -> list[slice]:
         """The frames to solve together: all of them where they depend on each other, one where each awaits another."""
         frames = self._inputs.n_frames
-        size = self._config.batch_frames
+        size = min(self._config.batch_frames, -(-frames // self._threads))
         if self._config.weight_temporal:
             size = frames
         elif self._config.warm_start:
             size = 1
-        return (slice(first, first + size) for first in range(0, frames, size))
+        return [slice(first, min(first + size, frames)) for first in range(0, frames, size)]
+
+    def pieces(self, watch: Stopwatch) -> Iterator[Piece]:
+        """All batches solved, in their order; over several threads where that helps."""
+        if self._threads == 1:
+            yield from (self.solve(frames, watch) for frames in self.batches())
+            return
+        with ThreadPoolExecutor(self._threads, "fusion", initializer=be_one_of_many) as pool:
+            try:
+                yield from pool.map(lambda frames: self.solve(frames, watch), self.batches())
+            finally:
+                pool.shutdown(cancel_futures=True)
 
     def solve(self, frames: slice, watch: Stopwatch) -> Piece:
         """Both stages and the clean-up of some frames."""
+        obstacle = self._obstacles.get()
+        try:
+            return self._solved(frames, watch, obstacle)
+        finally:
+            self._obstacles.put(obstacle)
+
+    def _solved(self, frames: slice, watch: Stopwatch, obstacle: _Remembering | None) -> Piece:
         stages: dict[str, Minimum] = {}
         inputs, config = self._inputs, self._config
         with watch.stage("start"):
             readings = self._readings(frames)
             target, confidence = self._target(frames)
-            if self._obstacle is not None:
-                self._obstacle.update(
+            if obstacle is not None:
+                obstacle.update(
                     *(v[frames] for v in (inputs.body_vertices, inputs.under_vertices) if v is not None)
                 )
         vertices = initial = readings.vertices
@@ -102,23 +127,31 @@ class Pipeline:
             with watch.stage("edge"):
                 stages["edge"] = self._solver.edge_stage(problem)
             vertices = self._kept("edge", initial, stages["edge"])
-        if _any_steps(config, "normal") and (target is not None or self._obstacle is not None):
+        if _any_steps(config, "normal") and (target is not None or obstacle is not None):
             problem = Problem(
                 start=self._started("normal", vertices),
                 anchor=vertices,
                 target=target,
                 confidence=confidence,
-                obstacle=self._obstacle,
+                obstacle=obstacle,
             )
             with watch.stage("normal"):
                 stages["normal"] = self._solver.normal_stage(problem)
             vertices = self._kept("normal", vertices, stages["normal"])
         inside = None
-        if self._obstacle is not None:
+        if obstacle is not None:
             with watch.stage("clearance"):
-                vertices, inside = self._cleared(vertices)
+                vertices, inside = self._cleared(vertices, obstacle)
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
         return Piece(_array(vertices), _array(initial), stages, unseen, inside)
+
+    def _usable_threads(self) -> int:
+        """Batches that are solved at the same time. Adam's are not: its many small products wait for each other."""
+        config = self._config
+        coupled = config.weight_temporal or config.warm_start
+        if config.solver == "adam" or coupled or self._device.type != "cpu":
+            return 1
+        return max(1, min(n_threads(), self._inputs.n_frames))
 
     def _make_solver(self) -> Solver:
         config = self._config
@@ -170,13 +203,14 @@ class Pipeline:
             self._changes[stage] = found.vertices - before
         return found.vertices
 
-    def _cleared(self, vertices: torch.Tensor) -> tuple[torch.Tensor, tuple[np.ndarray, np.ndarray]]:
+    def _cleared(
+        self, vertices: torch.Tensor, obstacle: _Remembering
+    ) -> tuple[torch.Tensor, tuple[np.ndarray, np.ndarray]]:
         """The vertices after the clean-up, and the shares inside (T,) before and after."""
-        assert self._obstacle is not None
-        before = self._obstacle.query(vertices).distance
+        before = obstacle.query(vertices).distance
         cleared = lift_clear(
             vertices,
-            self._obstacle,
+            obstacle,
             self._topology,
             clearance_m=self._config.clearance_m,
             rounds=self._config.clearance_rounds,

@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import Lock
 
 import torch
 
 
 class Stopwatch:
-    """Wall-clock seconds by stage, summed over its turns.
+    """Wall-clock seconds by stage, summed over its turns and over the threads that take them.
 
     Args:
         device: what computes; work that is under way on a GPU is waited for, so that each stage pays for its own.
@@ -19,6 +20,7 @@ class Stopwatch:
     def __init__(self, device: torch.device) -> None:
         self._device = device
         self.seconds: dict[str, float] = {}
+        self._lock = Lock()
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -27,7 +29,8 @@ class Stopwatch:
         started = time.perf_counter()
         yield
         self._wait()
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - started
+        with self._lock:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - started
 
     def _wait(self) -> None:
         if self._device.type == "cuda":

@@ -8,7 +8,11 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from threading import Lock
 from typing import Any
+
+_building = Lock()
+_built: set[tuple[Any, str]] = set()  # kernels that have been launched, and where
 
 
 @cache
@@ -23,6 +27,20 @@ def warp_module() -> Any:
     with _without_driver_warning():
         warp.init()
     return warp
+
+
+def launch(kernel: Any, **arguments: Any) -> Any:
+    """`warp.launch`, the first of each kernel and device by itself.
+
+    The first builds the kernel's module, which Warp must not do in two threads at once.
+    """
+    key = kernel, str(arguments["device"])
+    if key in _built:
+        return warp_module().launch(kernel, **arguments)
+    with _building:
+        found = warp_module().launch(kernel, **arguments)
+        _built.add(key)
+    return found
 
 
 @contextmanager

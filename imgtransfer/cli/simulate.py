@@ -13,7 +13,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """The command's arguments."""
     parser = subparsers.add_parser(
         "simulate",
-        help="simulate a T-shirt on the Anny body for a list of motions",
+        help="simulate a garment on a body for a list of motions",
         description="Clips that the data set holds already are left as they are, so a stopped run goes on. Those that "
         "fail their quality gates are listed in the data set, and tried again only with other settings.",
     )
@@ -22,7 +22,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         nargs="+",
         type=Path,
         metavar="CONFIG_OR_MOTIONS",
-        help="a YAML file such as configs/data/sample.yaml, and/or motion files (AMASS-style npz, BVH) or folders of them",
+        help="a YAML file such as configs/data/sample.yaml, and/or motion files (AMASS-style npz, BVH) or folders "
+        "of them",
     )
     parser.add_argument("--out", type=Path, required=True, help="the data set, made where it does not exist")
     parser.add_argument("--frames", type=int, help="only the first FRAMES frames of each motion")

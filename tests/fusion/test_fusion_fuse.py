@@ -242,7 +242,8 @@ def test_numpy_and_tensors_give_the_same_and_progress_counts_frames(scene):
     arrays = {name: np.asarray(value) for name, value in inputs.items()}
     found = fuse(scene["imager"], **arrays, config=config, progress=counts.append).vertices
     np.testing.assert_array_equal(found, fuse(scene["imager"], **inputs, config=config).vertices)
-    assert counts == [2, 1]
+    assert sum(counts) == 3
+    assert max(counts) <= 2  # fewer at once where they are shared out over threads
 
 
 def test_wrong_input_is_named(scene):

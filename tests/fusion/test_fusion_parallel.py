@@ -3,39 +3,60 @@
 import numpy as np
 import pytest
 import torch
-from fusion_examples import cylinder_body, tube, wrinkled
+from fusion_examples import cylinder_body, imager_of, true_maps, tube, wrinkled
 
-from fusion import BodySdf, Topology, parallel, recorder
-from fusion.energy import Energy
+from fusion import BodySdf, fuse, parallel
 from fusion.parallel import n_threads, one_torch_thread, run_all
 
 
 @pytest.fixture(params=[1, 2, 3])
 def threads(request, monkeypatch):
-    monkeypatch.setattr(recorder, "_WORTH_A_THREAD", 1)
     monkeypatch.setattr("fusion.moving_mesh._WORTH_A_THREAD", 1)
     token = parallel._threads.set(request.param)
     yield request.param
     parallel._threads.reset(token)
 
 
-def evaluated():
-    topology = Topology(tube())
-    vertices = wrinkled(tube(), 5)
-    share = torch.full((1, topology.n_vertices), 1 / topology.n_vertices)
-    weights = {"edge_length_m2": 3.0, "displacement_m2": 2.0, "normal_consistency": 0.5}
-    energy = Energy(topology, weights, vertices, share)
-    energy.vertices.copy_(vertices + 0.001 * torch.sin(1000 * vertices))
-    return energy.evaluate(), energy.gradient
-
-
-def test_the_objective_does_not_depend_on_the_number_of_threads(threads):
-    found = evaluated()
-    token = parallel._threads.set(1)
-    want = evaluated()
+def fused(count, **inputs):
+    token = parallel._threads.set(count)
+    result = fuse(imager_of(tube()), **inputs, history=True)
     parallel._threads.reset(token)
-    assert torch.equal(found[0], want[0])
-    assert torch.equal(found[1], want[1])
+    return result
+
+
+def test_a_fusion_does_not_depend_on_the_number_of_threads(threads):
+    """Frames, their order, and what is reported of them; vertices to float32's rounding."""
+    positions, normals = true_maps(imager_of(tube()), wrinkled(tube(), 5))
+    found, want = (fused(count, positions=positions, normals=normals) for count in (threads, 1))
+    np.testing.assert_allclose(found.vertices, want.vertices, rtol=0, atol=1e-6)  # metres
+    np.testing.assert_array_equal(found.initial, want.initial)
+    assert found.report["iterations"] == want.report["iterations"]
+    for stage, curves in want.report["history"].items():
+        np.testing.assert_allclose(found.report["history"][stage]["total"], curves["total"], rtol=1e-5)
+
+
+def test_each_frame_meets_its_own_body_on_every_thread(threads):
+    """Vertices that come to lie on an edge of the body may choose either side by rounding: all but 1 % are equal."""
+    positions, _ = true_maps(imager_of(tube()), wrinkled(tube(), 5))
+    body = cylinder_body(radius=0.16)
+    moved = np.stack([body.vertices + np.array([0.01 * k, 0, 0]) for k in range(5)])
+    inputs = {"positions": positions, "body_vertices": moved, "body_faces": body.faces}
+    found, want = (fused(count, **inputs) for count in (threads, 1))
+    apart = np.linalg.norm(found.vertices - want.vertices, axis=-1)
+    assert ((apart > 1e-5).mean(axis=1) <= 0.01).all()
+    assert found.report["penetration_percent"]["after"] == 0
+
+
+def test_a_fusion_that_fails_on_a_thread_fails_here(monkeypatch):
+    def fail(self, problem):
+        raise RuntimeError("of one batch")
+
+    monkeypatch.setattr("fusion.local_global.LocalGlobalSolver.edge_stage", fail)
+    imager = imager_of(tube())
+    token = parallel._threads.set(2)
+    with pytest.raises(RuntimeError, match="of one batch"):
+        fuse(imager, positions=true_maps(imager, wrinkled(tube(), 4))[0])
+    parallel._threads.reset(token)
 
 
 @pytest.mark.parametrize("poses", [1, 2, 5])

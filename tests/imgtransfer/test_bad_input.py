@@ -146,7 +146,10 @@ SETS: dict[str, tuple[Callable[[Path], object], str]] = {
     "another schema version": (lambda s: set_attributes(s, schema_version=9), "schema version 9"),
     "a store of something else": (lambda s: set_attributes(s, format="weather"), "its format is 'weather'"),
     "metadata cut short": (lambda s: cut_short(s / "zarr.json"), "not the metadata of a Zarr v3 group"),
-    "an array missing": (lambda s: shutil.rmtree(s / "tube/train/body_faces"), "the store is damaged: body_faces"),
+    "an array missing": (
+        lambda s: shutil.rmtree(s / "tube/train/body_faces"),
+        "the store is damaged: body_faces",
+    ),
     "a chunk cut short": (lambda s: cut_short(s / "tube/train/body_rest/c/0/0"), "the store is damaged"),
 }
 

@@ -13,7 +13,9 @@ from imgtransfer.simulation.run import simulate_clip
 
 
 def test_a_skirt_stays_at_the_waist_of_a_shaped_body():
-    solver = SolverConfig(min_substeps=4, max_substeps=4, iterations=3, settle_seconds=0.4, warm_up_seconds=0.2)
+    solver = SolverConfig(
+        min_substeps=4, max_substeps=4, iterations=3, settle_seconds=0.4, warm_up_seconds=0.2
+    )
     config = SimulateConfig(garment=SkirtConfig(edge_length=0.045), body={"seed": 5}, solver=solver)
     clip = simulate_clip(make_motion("squat", seed=1, seconds=0.4), config)[0]
     assert clip.name == "skirt/squat_s1_anny5"
