@@ -86,7 +86,8 @@ def test_no_tasks_are_no_work(tmp_path: Path) -> None:
 
 
 PARENT = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a test in the background inherits that it is ignored
 sys.path[:0] = {paths!r}
 from pathlib import Path
 from running_examples import Task, square
