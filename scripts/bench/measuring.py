@@ -98,7 +98,7 @@ def command(
     finally:
         torch.set_num_threads(threads)
     if options.json:
-        print(json.dumps({"machine": found, "quick": options.quick, "results": results}, indent=2))
+        print(json.dumps({"machine": found, "quick": options.quick, **results}, indent=2))
         return
     print(", ".join(f"{key} {value}" for key, value in found.items()))
     keys = list(dict.fromkeys(key for section in results.values() for key in section))
