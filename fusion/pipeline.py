@@ -146,7 +146,7 @@ class Pipeline:
         return Piece(_array(vertices), _array(initial), stages, unseen, inside)
 
     def _usable_threads(self) -> int:
-        """Batches that are solved at the same time. Adam's are not: its many small products wait for each other."""
+        """Batches that are solved at the same time. Those of Adam, the reference, are solved one after the other."""
         config = self._config
         coupled = config.weight_temporal or config.warm_start
         if config.solver == "adam" or coupled or self._device.type != "cpu":

@@ -7,8 +7,8 @@ turned by a field that is smooth over as many pixels, 3 degrees (root mean squar
 Everything runs in one process on at most two cores.
 
   speedup           seconds of adam (100 + 100 steps) / seconds of local_global, whole calls of `fuse` for 32 frames
-                    with their bodies, set-up included; local_global shares frames out over both cores, adam, whose
-                    products are too small for that, does not
+                    with their bodies, set-up included; local_global shares frames out over both cores, adam, the
+                    reference, does not
   cpu_speedup       the same of the seconds that cores were busy: what a single core would show
   rmse_*, normal_*  against the truth: mean distance of the vertices, mean angle of the vertex normals; _start is what
                     the maps gave; ratios are local_global / adam
