@@ -45,6 +45,7 @@ def fuse(
     positions: Array | None = None,
     normals: Array | None = None,
     initial: Array | None = None,
+    rest: Array | None = None,
     confidence: Array | None = None,
     pinned: Array | None = None,
     pinned_positions: Array | None = None,
@@ -71,6 +72,8 @@ def fuse(
         positions: (T, S, H, W, 3) metres (decoded by their box).
         normals: (T, S, H, W, 3) in [-1, 1] (decoded); only their directions count.
         initial: (T, N, 3) metres, vertices to start from instead of `positions`.
+        rest: (N, 3) metres, the garment whose edge lengths are kept, where it is not the imager's template: the same
+            garment refitted to another body. Pixels and cameras stay the imager's.
         confidence: (T, S, H, W) at least 0, what each pixel counts in the readings of the position maps, in holding
             vertices to their readings, and in the normal term; 1 is as usual, and everywhere 1 is as None. Pixels
             with 0 are ignored, and vertices of which nothing else shows are treated as unseen.
@@ -87,7 +90,8 @@ def fuse(
 
     Raises:
         InputError: neither or both of `positions` and `initial`; shapes that do not fit; values under the
-            mask that are not finite; a template that no view sees; a body turned inside out.
+            mask that are not finite; a template that no view sees; a `rest` of another size; a body turned
+            inside out.
     """
     config = config or FusionConfig()
     inputs = FusionInputs(
@@ -95,6 +99,7 @@ def fuse(
         positions=positions,
         normals=normals,
         initial=initial,
+        rest=rest,
         confidence=confidence,
         pinned=pinned,
         pinned_positions=pinned_positions,

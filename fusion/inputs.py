@@ -7,9 +7,12 @@ import torch
 
 from render.errors import InputError
 from render.imager import TemplateImager
-from render.mesh import check_faces
+from render.mesh import Mesh, check_faces
 
 Array = np.ndarray | torch.Tensor
+
+# By which factor the edges of one garment may differ between body shapes; centimetres are a hundred times metres.
+_SHAPES_DIFFER = 3.0
 
 
 class FusionInputs:
@@ -17,6 +20,7 @@ class FusionInputs:
 
     Attributes:
         n_frames: T.
+        rest: the garment whose edge lengths are kept; the imager's template where none is given.
         positions, normals: (T, S, H, W, 3) float32 on the CPU, finite in the background too, whatever it held.
         confidence: (T, S, H, W) float32 on the CPU, at least 0, 0 in the background.
         initial: (T, N, 3) float32 on the CPU.
@@ -36,6 +40,7 @@ class FusionInputs:
         positions: Array | None,
         normals: Array | None,
         initial: Array | None,
+        rest: Array | None = None,
         confidence: Array | None = None,
         pinned: Array | None = None,
         pinned_positions: Array | None = None,
@@ -52,6 +57,7 @@ class FusionInputs:
             raise InputError("fuse: no frames; the first axis of the maps is the frame")
         self.n_frames = len(start)
         mask, n_vertices = imager.mask, len(imager.mesh.vertices)
+        self.rest = _checked_rest(rest, imager.mesh)
         maps = (self.n_frames, *mask.shape, 3)
         self.positions = _checked("positions", positions, maps, mask)
         self.normals = _checked("normals", normals, maps, mask)
@@ -120,6 +126,25 @@ class FusionInputs:
         array = np.asarray(faces.detach().cpu() if isinstance(faces, torch.Tensor) else faces)
         check_faces(array, count, f"{name}_faces")
         return checked, array.astype(np.int64)
+
+
+def _checked_rest(rest: Array | None, template: Mesh) -> Mesh:
+    """The rest shape as a mesh; InputError unless its edges are about as long as the template's."""
+    if rest is None:
+        return template
+    checked = _checked("rest", rest, template.vertices.shape)
+    assert checked is not None
+    vertices = np.asarray(rest.detach().cpu() if isinstance(rest, torch.Tensor) else rest, np.float64)
+    mesh = Mesh(vertices, template.faces, "fuse: rest")
+    rests, templates = (
+        np.median(np.linalg.norm(np.diff(m.vertices[m.edges], axis=1), axis=-1)) for m in (mesh, template)
+    )
+    if not templates / _SHAPES_DIFFER <= rests <= templates * _SHAPES_DIFFER:
+        raise InputError(
+            f"fuse: the edges of rest are {rests:.3g} m long (median), those of the template {templates:.3g} m; "
+            "the same garment is wanted, refitted to another body, in metres"
+        )
+    return mesh
 
 
 def _checked(

@@ -51,7 +51,7 @@ class Pipeline:
 
     Args:
         imager: of the template.
-        inputs: of all frames.
+        inputs: of all frames, and the rest shape, whose geometry the losses and the solver know.
         config: hyper-parameters.
         device: computes.
     """
@@ -60,7 +60,7 @@ class Pipeline:
         self, imager: TemplateImager, inputs: FusionInputs, config: FusionConfig, device: torch.device
     ) -> None:
         self._inputs, self._config, self._device = inputs, config, device
-        self._topology = Topology(imager.mesh)
+        self._topology = Topology(inputs.rest)
         self._weights = InitialWeights(imager) if inputs.positions is not None else None
         self._seen = torch.from_numpy(imager.visible.any(axis=0)).to(device)
         self._shown = ShownFaces.of(imager.raster, self._topology)

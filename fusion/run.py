@@ -40,7 +40,7 @@ def fuse_maps(
     """Recover the garment from a map file. Everything is in the canonical frame of its maps.
 
     Args:
-        maps: T frames of encoded maps from S views; the confidence in it is used.
+        maps: T frames of encoded maps from S views; the confidence in it is used, and its rest shape.
         template: in place of the one in the file; same number of vertices, same silhouette.
         initial: (T, N, 3) metres, vertices to start from; position maps are then neither needed nor used.
         positions_only: leave the normal maps out.
@@ -78,6 +78,7 @@ def fuse_maps(
         positions=None if positions is None else maps.box.decode(grown(positions)),
         normals=None if normals is None else decode_normals(grown(normals)),
         initial=initial,
+        rest=maps.rest_vertices,
         confidence=maps.confidence if imaged else None,
         pinned=pinned,
         pinned_positions=pinned_positions,

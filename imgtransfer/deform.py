@@ -44,7 +44,7 @@ def deform(
 
     Args:
         model: from `imgtransfer.training.checkpoint.load_model`.
-        clip: a body in motion and the model's garment.
+        clip: a body in motion and the model's garment, in the shape of that body.
         config: of the fusion; the paper's if None.
         progress: called with a number of frames after each batch that is fused.
 
@@ -56,6 +56,7 @@ def deform(
         prediction.imager,
         positions=prediction.metres(),
         normals=decode_normals(prediction.normals),
+        rest=prediction.rest_vertices,
         body_vertices=prediction.frames.to_canonical(clip.body_vertices),
         body_faces=clip.body_faces,
         config=config,

@@ -56,7 +56,7 @@ class Ways:
 
 @dataclass(frozen=True, eq=False)
 class Fused:
-    """The garment of one map file: mesh, vertices (T, N, 3) float32, metres, world; `report` for the JSON file."""
+    """The garment of one map file: mesh at rest, vertices (T, N, 3) float32, metres, world; `report` for the JSON."""
 
     template: Mesh
     vertices: np.ndarray
@@ -99,10 +99,9 @@ def fused(
         positions = given.pins.over(n_frames)
         canonical["pinned"] = given.pins.indices
         canonical["pinned_positions"] = None if positions is None else frames.to_canonical(positions)
-    template = given.template or _with_look(maps.template, given.body)
     result = fuse_maps(
         maps,
-        template=template,
+        template=given.template,
         positions_only=ways.positions_only,
         erode=ways.erode,
         **canonical,
@@ -113,6 +112,9 @@ def fused(
     )
     made = {"positions_only": ways.positions_only, "erode": ways.erode, "config": ways.config.model_dump()}
     vertices = frames.to_world(result.vertices)
+    template = given.template or _with_look(maps.template, given.body)
+    if maps.rest_vertices is not None:
+        template = replace(template, vertices=maps.rest_vertices)
     return Fused(template, vertices, maps.fps, given.body, ways, result.report | made)
 
 

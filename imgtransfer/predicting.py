@@ -75,6 +75,7 @@ def save_prediction(folder: Path, prediction: Prediction, clip: Clip, *, model: 
         rotation=prediction.frames.rotation,
         translation=prediction.frames.translation,
         fps=prediction.fps,
+        rest_vertices=prediction.rest_vertices,
     )
     vertices = initial_vertices(prediction.imager, prediction.metres()).numpy()
     garment = clip.with_garment(prediction.frames.to_world(vertices))
@@ -97,7 +98,7 @@ def _stands(folder: Path, clip: Clip, model: str) -> bool:
         stored = load_clip(folder / POSITION_ONLY_FILE)
     except InputError:
         return False
-    decisive = ("body_rest", "body_faces", "body_vertices", "poses", "trans", "fps")
+    decisive = ("template_vertices", "body_rest", "body_faces", "body_vertices", "poses", "trans", "fps")
     return stored.info.get("model") == model and all(
         np.array_equal(getattr(stored, key), getattr(clip, key)) for key in decisive
     )

@@ -1,4 +1,4 @@
-"""Map files as folders of OpenEXR images: a file a frame and image, and the template as an OBJ."""
+"""Map files as folders of OpenEXR images: a file a frame and image, the template and perhaps a rest shape as OBJ."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from render.meshio import load_mesh
 if TYPE_CHECKING:
     from render.mapfile import MapFile
 
-TEMPLATE = "template.obj"
+TEMPLATE, REST = "template.obj", "rest.obj"
 _AXES = "XYZ"
 # What each file's header holds besides its frame's and image's number, and where it stands in a `MapFile`.
 _OF_ALL = {
@@ -38,7 +38,8 @@ def save_folder(folder: Path, maps: MapFile, *, file_format: str, version: int) 
     """Write a folder with `template.obj` and one `FRAME.IMAGE.exr` for each frame and image.
 
     Channels are float32: position.X .Y .Z and normal.X .Y .Z as encoded, mask (0 or 1), depth (metres) and
-    confidence, those that there are. Box, camera and canonical frame stand in every header.
+    confidence, those that there are. Box, camera and canonical frame stand in every header. Maps with `rest_vertices`
+    get these as `rest.obj`.
 
     Args:
         folder: made, or replaced if it holds such files.
@@ -54,6 +55,8 @@ def save_folder(folder: Path, maps: MapFile, *, file_format: str, version: int) 
     constant |= {"format": file_format, "formatVersion": version}
     with written_whole_folder(folder) as temporary:
         _write_obj(temporary / TEMPLATE, maps.template_vertices, maps.template_faces)
+        if maps.rest_vertices is not None:
+            _write_obj(temporary / REST, maps.rest_vertices, maps.template_faces)
         for frame in range(len(maps.rotation)):
             for image, camera in enumerate(maps.cameras):
                 header = constant | {
@@ -97,6 +100,13 @@ def load_folder(folder: Path) -> dict[str, Any]:
         values["fps"] = np.asarray(float(values["fps"]))
     template = load_mesh(folder / TEMPLATE)
     values |= {"template_vertices": template.vertices, "template_faces": template.faces}
+    if (folder / REST).exists():
+        rest = load_mesh(folder / REST)
+        if not np.array_equal(rest.faces, template.faces):
+            raise InputError(
+                f"{folder / REST}: its faces are not those of {TEMPLATE}; the same garment is wanted"
+            )
+        values["rest_vertices"] = rest.vertices
     return values | _images(
         {key: (path, channels) for key, (path, _, channels) in files.items()}, frames, images
     )
@@ -180,7 +190,7 @@ def _number(path: Path, header: dict[str, Any], key: str) -> int:
 
 def _ours(folder: Path) -> bool:
     return folder.is_dir() and all(
-        path.suffix == ".exr" or path.name == TEMPLATE for path in folder.iterdir()
+        path.suffix == ".exr" or path.name in (TEMPLATE, REST) for path in folder.iterdir()
     )
 
 

@@ -19,9 +19,10 @@ from render.files import written_whole
 from render.imager import TemplateImager
 from render.mesh import Mesh
 
-FORMAT, FORMAT_VERSION = "imgtransfer-maps", 2
-READABLE_VERSIONS = ("1", "2")  # version 1 has no layers, depth or confidence
-_OPTIONAL = {"position", "normal", "layers", "confidence", "depth"}
+FORMAT, FORMAT_VERSION = "imgtransfer-maps", 3
+# Version 1 has no layers, depth or confidence, version 2 no rest_vertices.
+READABLE_VERSIONS = ("1", "2", "3")
+_OPTIONAL = {"position", "normal", "layers", "confidence", "depth", "rest_vertices"}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,6 +45,8 @@ class MapFile:
             if all count alike.
         depth: (S, H, W) float32, metres along each camera's viewing axis to the template, background 0; None
             if unknown. Nothing is computed from it.
+        rest_vertices: (N, 3) float64, metres, the garment as it lies on the body that these frames are of, where
+            that is another shape than the template's; None if it is the template.
 
     Raises:
         InputError: a shape that does not fit the others, or values that are not finite.
@@ -65,6 +68,7 @@ class MapFile:
     layers: np.ndarray | None = None
     confidence: np.ndarray | None = None
     depth: np.ndarray | None = None
+    rest_vertices: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         maps = self.position if self.position is not None else self.normal
@@ -89,6 +93,7 @@ class MapFile:
             "layers": ((views,), np.int64),
             "confidence": ((frames, views, *size), np.float32),
             "depth": ((views, *size), np.float32),
+            "rest_vertices": ((*vertices, 3), np.float64),
         }
         if len(size) != 2 or frames == 0 or not self.fps > 0:
             raise InputError(
@@ -126,6 +131,7 @@ class MapFile:
         translation: np.ndarray,
         fps: float,
         confidence: np.ndarray | None = None,
+        rest_vertices: np.ndarray | None = None,
     ) -> MapFile:
         """Maps made with (or predicted for) an imager's template and cameras."""
         return cls(
@@ -145,6 +151,7 @@ class MapFile:
             layers=np.array([camera.layer for camera in imager.cameras]),
             confidence=confidence,
             depth=imager.raster.depth,
+            rest_vertices=rest_vertices,
         )
 
     @property
@@ -156,6 +163,13 @@ class MapFile:
     def template(self) -> Mesh:
         """The template mesh."""
         return Mesh(self.template_vertices, self.template_faces, source="maps: template")
+
+    @property
+    def rest(self) -> Mesh:
+        """The garment in the shape that the frames are of: `rest_vertices`, or else the template."""
+        if self.rest_vertices is None:
+            return self.template
+        return Mesh(self.rest_vertices, self.template_faces, source="maps: rest_vertices")
 
     @cached_property
     def cameras(self) -> tuple[Camera, ...]:
@@ -208,8 +222,9 @@ def load_maps(path: Path | str) -> MapFile:
     arrays = exr.load_folder(path) if path.is_dir() else _load_npz(path)
     found = arrays.pop("format", "none"), arrays.pop("format_version", "none")
     if str(found[0]) != FORMAT or str(found[1]) not in READABLE_VERSIONS:
+        *earlier, latest = READABLE_VERSIONS
         raise InputError(
-            f"{path}: format '{FORMAT}' version {' or '.join(READABLE_VERSIONS)} expected, "
+            f"{path}: format '{FORMAT}' version {', '.join(earlier)} or {latest} expected, "
             f"found '{found[0]}' version {found[1]}"
         )
     names = {field.name for field in fields(MapFile)}

@@ -146,13 +146,19 @@ def _page(args: argparse.Namespace, facts: dict[str, str], refs: list[ClipRef]) 
 
 
 def _coverage(clips: Iterable[Clip], args: argparse.Namespace) -> None:
-    """Print what the views see of each template that occurs."""
+    """Print in how many shapes each garment occurs, and what the views see of the first of them."""
     from render import Coverage, Mesh, TemplateImager  # noqa: PLC0415
 
     views = [args.views] if args.views else ["front,back", "four"]
     layers = args.layers or (1 if args.views else 2)
-    templates = {(clip.template_vertices.tobytes(), clip.garment_faces.tobytes()): clip for clip in clips}
-    for clip in templates.values():
+    garments: dict[bytes, dict[bytes, Clip]] = {}
+    for clip in clips:
+        shapes = garments.setdefault(clip.garment_faces.tobytes(), {})
+        shapes.setdefault(clip.template_vertices.tobytes() + clip.body_rest.tobytes(), clip)
+    for shapes in garments.values():
+        clip = next(iter(shapes.values()))
+        if len(shapes) > 1:
+            print(f"the garment of {clip.name} comes in {len(shapes)} shapes (templates and rest bodies)")
         template = Mesh(clip.template_vertices, clip.garment_faces, f"{clip.name}: garment")
         for chosen in views:
             coverage = Coverage.of(TemplateImager.build(template, views=chosen, layers=layers))
@@ -182,7 +188,8 @@ def _maps(source: Path) -> None:
     ]
     print(f"covered pixels: {', '.join(covered)}")
     print(f"box: {maps.box.lo.round(3).tolist()} to {maps.box.hi.round(3).tolist()} m")
-    print(f"template: {len(maps.template_vertices)} vertices, {len(maps.template_faces)} faces")
+    shape = "" if maps.rest_vertices is None else "; the frames are of another shape of it"
+    print(f"template: {len(maps.template_vertices)} vertices, {len(maps.template_faces)} faces{shape}")
 
 
 def _checkpoint(source: Path) -> None:

@@ -15,7 +15,7 @@ import torch
 from scipy import ndimage
 from torch import Tensor
 
-from imgtransfer.network.local_frames import LocalFrames, window
+from imgtransfer.network.local_frames import LocalFrames, chosen, window
 from render import InputError
 
 SPREAD = 7  # samples along each side of the window that smooths the extension
@@ -45,15 +45,18 @@ class Guess:
 
 
 class BodyGuess:
-    """Everything about the first guess that is constant for one template and one rest body.
+    """Everything about the first guess that is constant for a template and a rest body, in one shape or several.
+
+    A pixel shows the same point of garment and body in every shape: that which it shows of the shape that is projected.
 
     Args:
         mask: (S, H, W) bool, the garment's silhouette.
-        template_positions: (S, H, W, 3) float32, metres.
-        template_normals: (S, H, W, 3) float32, unit.
+        template_positions: (K, S, H, W, 3) float32, metres, the template in K shapes.
+        template_normals: (K, S, H, W, 3) float32, unit.
         body_mask: (S, H, W) bool, the body's silhouette by the same cameras.
-        rest_positions: (S, H, W, 3) float32, metres, the rest body.
-        rest_normals: (S, H, W, 3) float32, unit.
+        projected: (S, H, W, 3) float32, metres, the rest body in the shape that is projected.
+        rest_positions: (K, S, H, W, 3) float32, metres, the rest body in K shapes.
+        rest_normals: (K, S, H, W, 3) float32, unit.
         frame: "canonical" keeps the axes of offset and residual, "body" turns them with the surface below.
 
     Raises:
@@ -67,6 +70,7 @@ class BodyGuess:
         template_positions: Tensor,
         template_normals: Tensor,
         body_mask: Tensor,
+        projected: Tensor,
         rest_positions: Tensor,
         rest_normals: Tensor,
         frame: FrameMode,
@@ -79,7 +83,9 @@ class BodyGuess:
         self._offset = (template_positions - self.extend(rest_positions)) * mask[..., None]
         self._normals = template_normals
         self._rest_normals = rest_normals
-        self._frames = LocalFrames(body_mask, rest_positions, rest_normals) if frame == "body" else None
+        self._frames: LocalFrames | None = None
+        if frame == "body":
+            self._frames = LocalFrames(body_mask, projected, rest_positions, rest_normals)
 
     def extend(self, body: Tensor) -> Tensor:
         """(..., S, H, W, C) body images -> extended smoothly over the garment's silhouette, 0 elsewhere.
@@ -92,19 +98,21 @@ class BodyGuess:
         flat[..., self._pixels, :] = (nearest * self._weight[..., None]).sum(-2)
         return flat.unflatten(-2, self.mask.shape)
 
-    def __call__(self, positions: Tensor, normals: Tensor) -> Guess:
+    def __call__(self, positions: Tensor, normals: Tensor, shape: Tensor | None = None) -> Guess:
         """The guess for posed bodies.
 
         Args:
             positions: (B, S, H, W, 3) float32, metres, body images decoded, canonical frame.
             normals: (B, S, H, W, 3) float32, unit, body images decoded.
+            shape: (B,) int64, which of the K shapes each is; the first if None.
         """
         moved = self.extend(positions)
+        offset, template_normals = chosen(self._offset, shape), chosen(self._normals, shape)
         if self._frames is None:
-            turned = self._normals + self.extend(normals - self._rest_normals)
-            return Guess(moved + self._offset, turned, None)
-        rotation = self._frames(positions, normals)
-        return Guess(moved + apply(rotation, self._offset), apply(rotation, self._normals), rotation)
+            turned = template_normals + self.extend(normals - chosen(self._rest_normals, shape))
+            return Guess(moved + offset, turned, None)
+        rotation = self._frames(positions, normals, shape)
+        return Guess(moved + apply(rotation, offset), apply(rotation, template_normals), rotation)
 
 
 def apply(rotation: Tensor, vectors: Tensor) -> Tensor:

@@ -23,27 +23,31 @@ class LocalFrames:
 
     Args:
         body_mask: (S, H, W) bool.
-        rest_positions: (S, H, W, 3) float32, metres.
-        rest_normals: (S, H, W, 3) float32, unit.
+        projected: (S, H, W, 3) float32, metres, the rest body that the cameras see: it decides on the patches.
+        rest_positions: (K, S, H, W, 3) float32, metres, the same points in K body shapes.
+        rest_normals: (K, S, H, W, 3) float32, unit.
     """
 
-    def __init__(self, body_mask: Tensor, rest_positions: Tensor, rest_normals: Tensor) -> None:
+    def __init__(
+        self, body_mask: Tensor, projected: Tensor, rest_positions: Tensor, rest_normals: Tensor
+    ) -> None:
         height, width = self._size = (body_mask.shape[1], body_mask.shape[2])
         longer = max(height, width)
         self._grid = (max(1, round(CELLS * height / longer)), max(1, round(CELLS * width / longer)))
-        index, weight = _patches(body_mask.cpu().numpy(), rest_positions.cpu().numpy(), self._grid)
+        index, weight = _patches(body_mask.cpu().numpy(), projected.cpu().numpy(), self._grid)
         self._index = torch.from_numpy(index).to(body_mask.device)
         weights = torch.from_numpy(weight).to(rest_positions)[..., None]
-        points = rest_positions.flatten(0, 2)[self._index]  # (C, K, 3)
-        self._points = weights * (points - (weights * points).sum(1, keepdim=True))
-        self._normals = REACH_M**2 * weights * rest_normals.flatten(0, 2)[self._index]
+        points = rest_positions.flatten(1, 3)[:, self._index]  # (K, C, P, 3), P points in each of C patches
+        self._points = weights * (points - (weights * points).sum(2, keepdim=True))
+        self._normals = REACH_M**2 * weights * rest_normals.flatten(1, 3)[:, self._index]
 
-    def __call__(self, positions: Tensor, normals: Tensor) -> Tensor:
+    def __call__(self, positions: Tensor, normals: Tensor, shape: Tensor | None = None) -> Tensor:
         """Rotations of posed bodies.
 
         Args:
             positions: (B, S, H, W, 3) metres.
             normals: (B, S, H, W, 3) unit.
+            shape: (B,) int64, which of the K shapes each is; the first if None.
 
         Returns:
             (B, S, H, W, 3, 3), rest to posed, everywhere in the image; between cells blended linearly, so
@@ -52,12 +56,17 @@ class LocalFrames:
         views = positions.shape[1]
         # Sums over a patch of posed ⊗ rest, (B, C, 3, 3); the rest points have mean 0, so the posed mean drops out.
         posed = positions.flatten(1, 3)[:, self._index]
-        covariance = posed.mT @ self._points
-        covariance += normals.flatten(1, 3)[:, self._index].mT @ self._normals
+        covariance = posed.mT @ chosen(self._points, shape)
+        covariance += normals.flatten(1, 3)[:, self._index].mT @ chosen(self._normals, shape)
         rotation = nearest_rotation(covariance)  # (B, S * rows * columns, 3, 3)
         grid = rotation.unflatten(1, (views, *self._grid)).flatten(0, 1).flatten(-2).movedim(-1, 1)
         smooth = functional.interpolate(grid, size=self._size, mode="bilinear", align_corners=False)
         return smooth.movedim(1, -1).unflatten(0, (-1, views)).unflatten(-1, (3, 3))
+
+
+def chosen(table: Tensor, shape: Tensor | None) -> Tensor:
+    """(K, ...) values of K body shapes -> those of shapes (B,), or (1, ...) where all frames are of the first."""
+    return table[:1] if shape is None or len(table) == 1 else table[shape]
 
 
 def nearest_rotation(matrices: Tensor) -> Tensor:
@@ -102,7 +111,7 @@ def window(
 
 
 def _patches(body_mask: np.ndarray, rest: np.ndarray, grid: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Flat pixel indices (C, K) int64 of each cell's surface patch, and their weights (C, K) that sum to 1.
+    """Flat pixel indices (C, P) int64 of each cell's surface patch, and their weights (C, P) that sum to 1.
 
     A cell off the body takes the patch around the nearest body pixel.
     """

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -55,11 +57,13 @@ class BodyMaps:
 
 
 class BodyImager:
-    """Images posed bodies of one rest body with the cameras of one garment.
+    """Images posed bodies with the cameras of one garment; what is projected is always the same rest body.
 
     Args:
         garment: the garment's imager.
         body: the rest body, in the template's frame.
+        shapes: templates (N, 3) and rest bodies (V, 3), metres, of the shapes that the posed bodies have; None for
+            that of `garment` and `body` alone. Each takes some 100 bytes a pixel.
         box: of the garment's positions; the body's are encoded by the same.
         config: tells whether a first guess is wanted, and in which axes.
         device: where the maps are made.
@@ -73,6 +77,7 @@ class BodyImager:
         garment: TemplateImager,
         body: Mesh,
         *,
+        shapes: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
         box: PositionBox,
         config: NetworkConfig,
         device: torch.device,
@@ -82,26 +87,33 @@ class BodyImager:
         self.mask = self.imager.mask.to(device)
         self._guess: BodyGuess | None = None
         if config.target == "residual":
-            template, template_normals = metric_maps(garment, _float32(garment.mesh, device))
-            rest, rest_normals = metric_maps(self.imager, _float32(body, device))
+            templates, bodies = zip(*(shapes or [(garment.mesh.vertices, body.vertices)]), strict=True)
+            template, template_normals = metric_maps(garment, _float32(templates, device))
+            rest, rest_normals = metric_maps(self.imager, _float32(bodies, device))
             self._guess = BodyGuess(
                 mask=garment.mask.to(device),
-                template_positions=template[0],
-                template_normals=template_normals[0],
+                template_positions=template,
+                template_normals=template_normals,
                 body_mask=self.mask,
-                rest_positions=rest[0],
-                rest_normals=rest_normals[0],
+                projected=metric_maps(self.imager, _float32([body.vertices], device))[0][0],
+                rest_positions=rest,
+                rest_normals=rest_normals,
                 frame=config.frame,
             )
 
     @torch.no_grad()
-    def __call__(self, vertices: Tensor) -> BodyMaps:
-        """(B, V, 3) float32, metres, canonical frame -> the maps, on the device of `vertices`."""
+    def __call__(self, vertices: Tensor, shape: Tensor | None = None) -> BodyMaps:
+        """Images of posed bodies, on the device of their vertices.
+
+        Args:
+            vertices: (B, V, 3) float32, metres, canonical frame.
+            shape: (B,) int64, which of `shapes` each is; the first if None.
+        """
         positions, normals = metric_maps(self.imager, vertices)
         images = ImagePair.encode(positions, normals, self.mask, self.box)
-        return BodyMaps(images, None if self._guess is None else self._guess(positions, normals))
+        return BodyMaps(images, None if self._guess is None else self._guess(positions, normals, shape))
 
 
-def _float32(mesh: Mesh, device: torch.device) -> Tensor:
-    """(1, N, 3) float32."""
-    return torch.as_tensor(mesh.vertices, dtype=torch.float32, device=device)[None]
+def _float32(vertices: Sequence[np.ndarray], device: torch.device) -> Tensor:
+    """K arrays (N, 3) -> (K, N, 3) float32."""
+    return torch.from_numpy(np.stack(vertices).astype(np.float32)).to(device)

@@ -13,6 +13,7 @@ from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_maps
+from imgtransfer.network.shapes import misfit, same_faces, same_template
 from imgtransfer.network.transfer import TransferNet
 from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
 
@@ -34,6 +35,7 @@ class Prediction:
         imager: of the garment's template.
         box: of the positions.
         fps: frames a second.
+        rest_vertices: (N, 3) float64, metres, the clip's own template where that is another shape than the imager's.
     """
 
     positions: Tensor
@@ -42,6 +44,7 @@ class Prediction:
     imager: TemplateImager
     box: PositionBox
     fps: float
+    rest_vertices: np.ndarray | None = None
 
     def metres(self) -> Tensor:
         """(T, S, H, W, 3) float32, decoded positions, canonical frame; background 0."""
@@ -56,6 +59,9 @@ class TransferModel(nn.Module):
         network: sizes and switches of both networks.
         template: the garment.
         box: of the garment's positions.
+        body: the rest body that wears the template. With it the model knows clips of the same garment on other
+            shapes of this body: all are imaged through this template and this body, whose projections show the same
+            points of either in every shape. None: the model is for the template's shape alone.
 
     Raises:
         InputError: the map size does not suit the encoder's patch.
@@ -65,8 +71,17 @@ class TransferModel(nn.Module):
     garment_positions: Tensor
     garment_normals: Tensor
 
-    def __init__(self, *, maps: MapsConfig, network: NetworkConfig, template: Mesh, box: PositionBox) -> None:
+    def __init__(
+        self,
+        *,
+        maps: MapsConfig,
+        network: NetworkConfig,
+        template: Mesh,
+        box: PositionBox,
+        body: Mesh | None = None,
+    ) -> None:
         super().__init__()
+        self.body = body
         self.imager = TemplateImager.build(template, views=maps.views, size=maps.size, layers=maps.layers)
         images = len(self.imager.cameras)
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
@@ -90,25 +105,53 @@ class TransferModel(nn.Module):
         """The template's images, (1, S, H, W, 3)."""
         return ImagePair(self.garment_positions, self.garment_normals)
 
-    def body_imager(self, clip: Clip) -> BodyImager:
-        """Images the clip's body as this model needs it.
+    def body_imager(self, *clips: Clip) -> BodyImager:
+        """Images the bodies of clips as this model needs it.
+
+        Args:
+            clips: one a shape, in the order in which the imager counts shapes; their body faces are the same.
 
         Raises:
-            InputError: the clip's garment is not the model's.
+            InputError: a clip's garment is not the model's.
         """
-        self.check_garment(clip)
-        body = Mesh(clip.body_rest, clip.body_faces, clip.name)
-        return BodyImager(self.imager, body, box=self.box, config=self.network, device=self.device)
+        for clip in clips:
+            self.check_garment(clip)
+        body = self.body
+        if body is None or not same_faces(clips[0].body_faces, body.faces):
+            body = Mesh(clips[0].body_rest, clips[0].body_faces, clips[0].name)
+        return BodyImager(
+            self.imager,
+            body,
+            shapes=[(clip.template_vertices, clip.body_rest) for clip in clips],
+            box=self.box,
+            config=self.network,
+            device=self.device,
+        )
 
     def check_garment(self, clip: Clip) -> None:
-        """Raise InputError unless the clip's garment is the model's, vertex by vertex to 1/100 mm."""
-        mine = self.imager.mesh
-        same = clip.garment_faces.shape == mine.faces.shape and np.array_equal(clip.garment_faces, mine.faces)
-        if not same or not np.allclose(clip.template_vertices, mine.vertices, rtol=0, atol=1e-5):
+        """Raise InputError unless the clip's garment is the model's.
+
+        It is if it has the same faces and lies where the model's does, vertex by vertex to 1/100 mm; or, on a body with
+        the faces of the model's, if it may be the model's in another shape (`network.shapes.misfit`).
+        """
+        mine, body = self.imager.mesh, self.body
+        if same_template(clip, mine):
+            return
+        sizes = f"({len(clip.template_vertices)} vertices, {len(clip.garment_faces)} faces)"
+        refused = (
+            f"{clip.name}: its garment {sizes} is not the model's ({len(mine.vertices)}, {len(mine.faces)})"
+        )
+        if not same_faces(clip.garment_faces, mine.faces):
+            raise InputError(f"{refused}; train a model on this garment")
+        if body is None:
+            raise InputError(f"{refused} in its one shape; a model trained anew is not bound to one")
+        if not same_faces(clip.body_faces, body.faces):
             raise InputError(
-                f"{clip.name}: its garment ({len(clip.template_vertices)} vertices, {len(clip.garment_faces)} faces) "
-                f"is not the model's ({len(mine.vertices)}, {len(mine.faces)}); train a model on this garment"
+                f"{refused} in its own shape, and its body is not the model's in another ({len(body.vertices)} "
+                f"vertices wanted, found {len(clip.body_rest)}, or other faces)"
             )
+        if fault := misfit(clip, mine, body):
+            raise InputError(f"{refused} in any shape: {fault} the model; train a model on this garment")
 
     def forward(
         self, body: BodyMaps, *, garment: ImagePair | None = None, tokens: tuple[Tensor, Tensor] | None = None
@@ -153,7 +196,7 @@ class TransferModel(nn.Module):
         """Predict the maps of every frame; the garment's own motion is not looked at.
 
         Args:
-            clip: a body in motion and the model's garment.
+            clip: a body in motion and the model's garment, in the shape of that body.
             progress: wraps the iteration over the first frames of batches, such as tqdm.
 
         Raises:
@@ -171,4 +214,7 @@ class TransferModel(nn.Module):
             unit = nn.functional.normalize(images.normals * 2 - 1, dim=-1)
             positions.append((images.positions * kept).cpu())
             normals.append((encode_normals(unit) * kept).cpu())
-        return Prediction(torch.cat(positions), torch.cat(normals), frames, self.imager, self.box, clip.fps)
+        rest = None if same_template(clip, self.imager.mesh) else clip.template_vertices.astype(np.float64)
+        return Prediction(
+            torch.cat(positions), torch.cat(normals), frames, self.imager, self.box, clip.fps, rest
+        )

@@ -18,14 +18,15 @@ from render import InputError, Mesh, PositionBox
 from render.files import written_whole
 
 MODEL_FILE, STATE_FILE = "model.safetensors", "state.safetensors"
-MODEL_FORMAT, STATE_FORMAT, FORMAT_VERSION = "imgtransfer-model", "imgtransfer-training-state", 1
+MODEL_FORMAT, STATE_FORMAT, FORMAT_VERSION = "imgtransfer-model", "imgtransfer-training-state", 2
+READABLE_VERSIONS = (1, 2)  # version 1 has no body: its models know one shape
 
 
 def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32", steps: int = 0) -> Path:
     """Write a model whole or not at all.
 
     The file's header holds, as JSON, the format and its version, both configurations and the position box;
-    the template is stored as tensors beside the weights.
+    the template and its body are stored as tensors beside the weights.
 
     Args:
         path: a .safetensors file.
@@ -37,6 +38,9 @@ def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32
     tensors = {f"model.{key}": value.to(dtype) for key, value in model.state_dict().items()}
     tensors["template_vertices"] = torch.from_numpy(model.imager.mesh.vertices)
     tensors["template_faces"] = torch.from_numpy(model.imager.mesh.faces.astype(np.int32))
+    if model.body is not None:
+        tensors["body_vertices"] = torch.from_numpy(model.body.vertices)
+        tensors["body_faces"] = torch.from_numpy(model.body.faces.astype(np.int32))
     header = {
         "format": MODEL_FORMAT,
         "format_version": FORMAT_VERSION,
@@ -70,14 +74,18 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
             NetworkConfig.model_validate(header["network"]),
         )
         box = PositionBox(np.asarray(header["box_lo"]), np.asarray(header["box_hi"]))
-        template = Mesh(
-            tensors.pop("template_vertices").numpy(), tensors.pop("template_faces").numpy(), str(path)
-        )
+        template = _mesh(tensors, "template", path)
+        body = _mesh(tensors, "body", path) if "body_vertices" in tensors else None
     except (KeyError, ValueError) as error:  # pydantic's ValidationError is a ValueError
         raise InputError(f"{path}: not a model that this version can read ({_line(error)})") from error
-    model = TransferModel(maps=maps, network=network, template=template, box=box)
+    model = TransferModel(maps=maps, network=network, template=template, box=box, body=body)
     load_weights(model, tensors, path)
     return model.eval().to(device)
+
+
+def _mesh(tensors: dict[str, Tensor], name: str, path: Path) -> Mesh:
+    """The mesh of this name, taken out of the tensors."""
+    return Mesh(tensors.pop(f"{name}_vertices").numpy(), tensors.pop(f"{name}_faces").numpy(), str(path))
 
 
 def fingerprint(path: str | Path) -> str:
@@ -118,7 +126,7 @@ def read_tensors(path: Path, wanted: str) -> tuple[dict[str, Tensor], dict[str, 
     """Tensors and header of a file that `write_tensors` made.
 
     Raises:
-        InputError: no such file, not safetensors, or not of format `wanted` and this version.
+        InputError: no such file, not safetensors, or not of format `wanted` and a version that this one reads.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; `imgtransfer train` writes it")
@@ -131,10 +139,9 @@ def read_tensors(path: Path, wanted: str) -> tuple[dict[str, Tensor], dict[str, 
         raise InputError(f"{path}: not a readable safetensors file ({_line(error)})") from error
     header = header if isinstance(header, dict) else {}
     found = (header.get("format"), header.get("format_version"))
-    if found != (wanted, FORMAT_VERSION):
-        raise InputError(
-            f"{path}: {wanted} version {FORMAT_VERSION} wanted, found {found[0]} version {found[1]}"
-        )
+    if found[0] != wanted or found[1] not in READABLE_VERSIONS:
+        versions = " or ".join(map(str, READABLE_VERSIONS))
+        raise InputError(f"{path}: {wanted} version {versions} wanted, found {found[0]} version {found[1]}")
     return tensors, header
 
 

@@ -13,11 +13,14 @@ from imgtransfer.data.cache import FrameCache
 from imgtransfer.data.canonical import RootMode, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.reader import LoadedReader, Reader
-from render import InputError
+from imgtransfer.network.shapes import misfit, same_faces
+from render import InputError, Mesh
 
 
 class Frames:
-    """The frames of clips that share a garment and a rest body, in the canonical frame, read when they are needed.
+    """The frames of clips of one garment, in the canonical frame, read when they are needed.
+
+    Garment and body may come in several shapes: faces are the same in all clips, templates and rest bodies need not be.
 
     Args:
         readers: the clips.
@@ -26,16 +29,22 @@ class Frames:
             neighbouring parts, so that each chunk of frames is read about once an epoch.
 
     Raises:
-        InputError: a clip without garment vertices, or with another garment or rest body than the first.
+        InputError: a clip without garment vertices, or with a garment or body that is not the first's in its own or
+            another shape.
+
+    Attributes:
+        shapes: one frame of the first clip in each shape; the very first clip's is the first.
     """
 
     def __init__(self, readers: Sequence[Reader], root: RootMode, cache_bytes: int = 2**33) -> None:
-        self.first = readers[0].clip(0, 1)
         self._root = root
-        for reader in readers:
-            _check_same(reader.clip(0, 1) if reader is not readers[0] else self.first, self.first)
+        self.shapes: list[Clip] = []
+        known: dict[bytes, int] = {}
+        shape_of = np.array([self._shape(reader.clip(0, 1), known) for reader in readers])
         self._cache = FrameCache(readers, self._canonical, cache_bytes)
         self._cache_bytes = cache_bytes
+        chunks = np.array(self._cache.chunks)
+        self._shape_of_frame = np.repeat(shape_of[chunks[:, 0]], chunks[:, 2] - chunks[:, 1])
         self._bytes_per_frame = 12 * (len(self.first.template_vertices) + len(self.first.body_rest))
 
     @classmethod
@@ -46,14 +55,31 @@ class Frames:
     def __len__(self) -> int:
         return len(self._cache)
 
-    def read(self, index: Tensor) -> tuple[Tensor, Tensor]:
-        """Garment (B, N, 3) and body (B, V, 3) of frames `index` (B,), float32, metres.
+    @property
+    def first(self) -> Clip:
+        """One frame of the first clip."""
+        return self.shapes[0]
+
+    def read(self, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Frames `index` (B,): garment (B, N, 3) and body (B, V, 3), float32, metres, and (B,) int64, which shape.
 
         Raises:
             InputError: damaged data.
         """
         garment, body = self._cache.frames(index.numpy())
-        return torch.from_numpy(garment), torch.from_numpy(body)
+        shape = torch.from_numpy(self._shape_of_frame[index.numpy()])
+        return torch.from_numpy(garment), torch.from_numpy(body), shape
+
+    def _shape(self, clip: Clip, known: dict[bytes, int]) -> int:
+        """The number of the clip's shape; a new one is checked, and added to `shapes` and `known`."""
+        first = self.shapes[0] if self.shapes else clip
+        _check_same(clip, first)
+        key = clip.template_vertices.tobytes() + clip.body_rest.tobytes()
+        if key not in known:
+            _check_shape(clip, first)
+            known[key] = len(self.shapes)
+            self.shapes.append(clip)
+        return known[key]
 
     def garment_bounds(self) -> np.ndarray:
         """(2, 3): the least and the greatest coordinates of the garment in any frame. Reads all of them."""
@@ -93,14 +119,22 @@ class Frames:
 
 
 def _check_same(clip: Clip, first: Clip) -> None:
+    """Raise InputError unless the clip has a garment in motion, and garment and body have the faces of the first's."""
     if clip.garment_vertices is None:
         raise InputError(f"{clip.name}: no garment_vertices; training needs the deformed garment")
-    for key in ("template_vertices", "garment_faces", "body_rest", "body_faces"):
-        if not np.array_equal(getattr(clip, key), getattr(first, key)):
+    for key in ("garment_faces", "body_faces"):
+        if not same_faces(getattr(clip, key), getattr(first, key)):
             raise InputError(
                 f"{clip.name}: its {key} differ from those of {first.name}; one run trains on one garment and "
-                "one rest body, choose clips with data.train.names"
+                "one body, in any shapes, choose clips with data.train.names"
             )
+
+
+def _check_shape(clip: Clip, first: Clip) -> None:
+    """Raise InputError unless the clip's garment and body may be the first's in another shape."""
+    template = Mesh(first.template_vertices, first.garment_faces, first.name)
+    if fault := misfit(clip, template, Mesh(first.body_rest, first.body_faces, first.name)):
+        raise InputError(f"{clip.name}: {fault} {first.name}; choose clips with data.train.names")
 
 
 class Order:

@@ -57,10 +57,10 @@ class Trainer:
             network=config.network,
             template=Mesh(first.template_vertices, first.garment_faces, first.name),
             box=PositionBox.around(self.train_frames.garment_bounds()),
+            body=Mesh(first.body_rest, first.body_faces, first.name),
         ).to(self.device)
-        self.model.check_garment(self.validation_frames.first)
         self._bodies = {
-            id(f): self.model.body_imager(f.first) for f in (self.train_frames, self.validation_frames)
+            id(f): self.model.body_imager(*f.shapes) for f in (self.train_frames, self.validation_frames)
         }
         typical = self.train_frames.spread(CALIBRATION_FRAMES)
         self.model.calibrate(self.batch(self.train_frames, typical)[0].images)
@@ -112,8 +112,8 @@ class Trainer:
     @torch.no_grad()
     def batch(self, frames: Frames, index: Tensor) -> tuple[BodyMaps, ImagePair]:
         """What the networks are shown of frames `index`, and the true images."""
-        garment, body_vertices = frames.read(index)
-        body = self._bodies[id(frames)](body_vertices.to(self.device))
+        garment, body_vertices, shape = frames.read(index)
+        body = self._bodies[id(frames)](body_vertices.to(self.device), shape.to(self.device))
         positions, normals = metric_maps(self.model.imager, garment.to(self.device))
         return body, ImagePair.encode(positions, normals, self.model.mask, self.model.box)
 

@@ -41,24 +41,25 @@ def bending_weights(vertices: np.ndarray, height: float) -> np.ndarray:
     return np.stack([1 - upper, upper], -1).astype(np.float32)
 
 
-def tube_clip(frames: int = 6, *, name: str = "tube/bend") -> Clip:
+def tube_clip(frames: int = 6, *, name: str = "tube/bend", girth: float = 1.0, tall: float = 1.0) -> Clip:
     """The clip: the body bends sideways and walks off, the garment follows with a ripple that skinning lacks.
 
-    The body has 128 vertices and 2 joints, the garment 192 vertices; each of them stays outside the body.
+    The body has 128 vertices and 2 joints, the garment 192 vertices; each of them stays outside the body. `girth` and
+    `tall` scale both: the same garment on the same body in another shape.
     """
-    height = 1.0
-    body, body_faces = tube(0.15, height, 9, 14, closed=True)
+    height = tall
+    body, body_faces = tube(0.15 * girth, height, 9, 14, closed=True)
     body_faces = body_faces.astype(np.int64)
-    garment, garment_faces = tube(0.19, 0.6, 12, 16, closed=False)
-    garment = garment + np.float32([0, 0.2, 0])
+    garment, garment_faces = tube(0.19 * girth, 0.6 * tall, 12, 16, closed=False)
+    garment = garment + np.float32([0, 0.2 * tall, 0])
     time = np.arange(frames) / FPS
     poses = np.zeros((frames, 2, 3), np.float32)
     poses[:, 0, 1] = 1.5 * time  # turns about the vertical
     poses[:, 1, 2] = 0.5 * np.sin(4 * time)  # bends at the middle
     trans = np.stack([0.3 * time, np.zeros(frames), 0.8 * time], -1).astype(np.float32)
-    joints_rest = np.array([[0, 0.1, 0], [0, 0.5, 0]], np.float32)
+    joints_rest = np.array([[0, 0.1, 0], [0, 0.5, 0]], np.float32) * np.float32(tall)
     body_moves = _bend(body, bending_weights(body, height), poses, trans, joints_rest)
-    outward = garment * np.float32([1, 0, 1]) / 0.19
+    outward = garment * np.float32([1, 0, 1]) / np.float32(0.19 * girth)
     ripple = 1 + np.sin(40 * garment[None, :, 1] + 9 * time[:, None])  # never inwards
     rippled = garment[None] + 0.004 * ripple[..., None] * outward
     garment_moves = _bend(rippled, bending_weights(garment, height), poses, trans, joints_rest)

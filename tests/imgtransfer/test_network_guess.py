@@ -73,8 +73,8 @@ def test_a_batch_of_guesses_equals_its_frames(tube_clip: Clip, frame: str) -> No
 def stripe_guess(body_columns: slice) -> BodyGuess:
     """A garment over 8 x 8 pixels in one view, a body over some of its columns; positions are pixel coordinates."""
     rows, columns = torch.meshgrid(torch.arange(8.0), torch.arange(8.0), indexing="ij")
-    positions = torch.stack([columns, -rows, torch.zeros(8, 8)], dim=-1)[None]
-    normals = torch.tensor([0.0, 0.0, 1.0]).expand(1, 8, 8, 3)
+    positions = torch.stack([columns, -rows, torch.zeros(8, 8)], dim=-1)[None, None]
+    normals = torch.tensor([0.0, 0.0, 1.0]).expand(1, 1, 8, 8, 3)
     body_mask = torch.zeros(1, 8, 8, dtype=torch.bool)
     body_mask[:, :, body_columns] = True
     return BodyGuess(
@@ -82,6 +82,7 @@ def stripe_guess(body_columns: slice) -> BodyGuess:
         template_positions=positions,
         template_normals=normals,
         body_mask=body_mask,
+        projected=positions[0] * body_mask[..., None],
         rest_positions=positions * body_mask[..., None],
         rest_normals=normals * body_mask[..., None],
         frame="canonical",

@@ -63,6 +63,35 @@ def test_files_of_version_1_are_read(maps, tmp_path):
     np.testing.assert_array_equal(read.position, maps.position)
 
 
+def test_files_of_version_2_are_read(maps, tmp_path):
+    path = tmp_path / "old.npz"
+    save_maps(path, maps)
+    np.savez(path, **(dict(np.load(path)) | {"format_version": 2}))
+    read = load_maps(path)
+    assert read.rest_vertices is None
+    np.testing.assert_array_equal(read.rest.vertices, maps.template_vertices)
+
+
+@pytest.mark.parametrize("name", ["walk.npz", "walk"], ids=["npz", "exr"])
+def test_a_rest_shape_is_kept(maps, tmp_path, name):
+    wide = dataclasses.replace(maps, rest_vertices=maps.template_vertices * [1.1, 1, 1.2])
+    save_maps(tmp_path / name, wide)
+    assert_same(load_maps(tmp_path / name), wide)
+    np.testing.assert_array_equal(load_maps(tmp_path / name).rest.faces, maps.template_faces)
+    save_maps(tmp_path / name, maps)  # in place of the other
+    assert load_maps(tmp_path / name).rest_vertices is None
+    with pytest.raises(InputError, match="rest_vertices must be finite, of shape"):
+        dataclasses.replace(maps, rest_vertices=maps.template_vertices[:-1])
+
+
+def test_a_rest_shape_with_other_faces_is_refused(maps, tmp_path):
+    save_maps(tmp_path / "walk", dataclasses.replace(maps, rest_vertices=maps.template_vertices))
+    rest = tmp_path / "walk" / "rest.obj"
+    rest.write_text("\n".join(rest.read_text().splitlines()[:-1]))
+    with pytest.raises(InputError, match=r"rest\.obj: its faces are not those of template\.obj"):
+        load_maps(tmp_path / "walk")
+
+
 def test_the_imager_can_be_made_again(maps, tmp_path):
     save_maps(tmp_path / "walk.npz", maps)
     read = load_maps(tmp_path / "walk.npz")
@@ -141,8 +170,8 @@ def test_another_format_version_or_a_missing_array(maps, tmp_path):
     path = tmp_path / "maps.npz"
     save_maps(path, maps)
     arrays = dict(np.load(path))
-    np.savez(path, **(arrays | {"format_version": 3}))
-    with pytest.raises(InputError, match="version 1 or 2 expected, found 'imgtransfer-maps' version 3"):
+    np.savez(path, **(arrays | {"format_version": 4}))
+    with pytest.raises(InputError, match="version 1, 2 or 3 expected, found 'imgtransfer-maps' version 4"):
         load_maps(path)
     np.savez(path, a=np.zeros(3))
     with pytest.raises(InputError, match="found 'none'"):
