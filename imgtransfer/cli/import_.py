@@ -8,6 +8,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
 
+from imgtransfer.cli.mesh_options import add_axes, chosen_axes
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
@@ -82,23 +83,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def _add_meshes(group: argparse._ArgumentGroup) -> None:
     """Add what tells how meshes lie; axes that begin with a minus are written --facing=-y."""
-    axes = "x, y, z, -x, -y or -z"
     group.add_argument(
         "--garment-frames", metavar="PATH", help="one clip: folder, pattern or cache of the garment"
     )
     group.add_argument("--body-frames", metavar="PATH", help="one clip: folder, pattern or cache of the body")
     group.add_argument("--template", type=Path, metavar="FILE", help="the garment in the body's rest pose")
     group.add_argument("--body-rest", type=Path, metavar="FILE", help="the body in its rest pose")
-    group.add_argument("--up", help=f"the files' axis that points up: {axes}; default y")
-    group.add_argument(
-        "--facing", help="the axis that the body faces in its rest pose, such as --facing=-y; default z"
-    )
-    group.add_argument("--unit", help="the files' unit: m, cm, mm, dm, in or ft; default m")
-    group.add_argument("--scale", type=float, help="metres a unit of the files, in place of --unit")
-    for what in ("up", "facing", "unit"):
-        group.add_argument(
-            f"--garment-{what}", help=f"--{what} of the garment's files, where it is not the body's"
-        )
+    add_axes(group)
     group.add_argument(
         "--weld", action="store_true", help="join split seams; outputs still have the files' vertices and UVs"
     )
@@ -140,23 +131,14 @@ def _kind(args: argparse.Namespace) -> tuple[str, list[Path]]:
 
 
 def _options(args: argparse.Namespace, kind: str) -> Options:
-    from imgtransfer.importers.axes import Axes  # noqa: PLC0415
     from imgtransfer.importers.job import Options  # noqa: PLC0415
 
-    if args.unit is not None and args.scale is not None:
-        raise InputError("import: --unit and --scale say the same; give one of them")
     if args.fps is not None and not 0 < args.fps < 1e4:
         raise InputError(f"--fps {args.fps}: a positive number of frames a second is wanted")
     for path in (args.template, args.body_rest):
         if path is not None and not path.exists():
             raise InputError(f"{path}: no such file; a mesh is wanted")
-    scale = args.scale if args.scale is not None else _metres("--unit", args.unit) or 1.0
-    axes = Axes(args.up or "y", args.facing or _ahead(args.up or "y"), scale)
-    of_garment = None
-    if args.garment_up or args.garment_facing or args.garment_unit:
-        up = args.garment_up or axes.up
-        facing = args.garment_facing or (axes.facing if up == axes.up else _ahead(up))
-        of_garment = Axes(up, facing, _metres("--garment-unit", args.garment_unit) or scale)
+    axes, of_garment = chosen_axes(args)
     return Options(
         split=args.split,
         garment=args.garment,
@@ -171,19 +153,6 @@ def _options(args: argparse.Namespace, kind: str) -> Options:
         weld=args.weld,
         anyway=args.anyway,
     )
-
-
-def _ahead(up: str) -> str:
-    """What a body usually faces in files with this axis up: -y where z is up, as in Blender, else z."""
-    return "z" if up[-1:] != "z" else "-y"
-
-
-def _metres(option: str, unit: str | None) -> float | None:
-    from imgtransfer.importers.axes import UNITS  # noqa: PLC0415
-
-    if unit is not None and unit not in UNITS:
-        raise InputError(f"{option} {unit}: one of {', '.join(UNITS)} is wanted; or give --scale METRES")
-    return None if unit is None else UNITS[unit]
 
 
 def _jobs(args: argparse.Namespace, kind: str, paths: list[Path], options: Options) -> list[Job]:

@@ -1,19 +1,28 @@
-"""`imgtransfer simulate`: cloth simulation of motions into a data set."""
+"""`imgtransfer simulate`: cloth simulation of motions, or on the user's own moving body, into a data set."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from imgtransfer.cli.mesh_options import add_axes, chosen_axes
 from imgtransfer.cli.options import add_runner, chosen_executor
 from render import InputError
+
+if TYPE_CHECKING:  # `--help` must not wait for the array libraries
+    from imgtransfer.simulation.config import SimulateConfig
+
+_OF_GARMENT = ("garment", "held", "anyway", "garment_up", "garment_facing", "garment_unit")
+_OF_AXES = ("up", "facing", "unit", "scale")
+_OF_SEQUENCES = ("body_rest", "fps")
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
     """The command's arguments."""
     parser = subparsers.add_parser(
         "simulate",
-        help="simulate a garment on a body for a list of motions",
+        help="simulate a garment, the project's or your own, on a body for a list of motions, or on your own body",
         description="Clips that the data set holds already are left as they are, so a stopped run goes on. Those that "
         "fail their quality gates are listed in the data set, and tried again only with other settings.",
     )
@@ -21,30 +30,132 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "sources",
         nargs="+",
         type=Path,
-        metavar="CONFIG_OR_MOTIONS",
-        help="a YAML file such as configs/data/sample.yaml, and/or motion files (AMASS-style npz, BVH) or folders "
-        "of them",
+        metavar="CONFIG_OR_SOURCE",
+        help="a YAML file such as configs/data/sample.yaml, and/or motion files (AMASS-style npz, BVH), and/or body "
+        "mesh sequences (a folder with body/ frames or body.pc2 and body_rest.obj, as `import meshes` reads them), "
+        "or folders of either",
     )
     parser.add_argument("--out", type=Path, required=True, help="the data set, made where it does not exist")
     parser.add_argument("--frames", type=int, help="only the first FRAMES frames of each motion")
+    _add_meshes(parser.add_argument_group("your own garment and body"))
     add_runner(parser)
     return parser
 
 
+def _add_meshes(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--template",
+        type=Path,
+        metavar="FILE",
+        help="your garment (OBJ, PLY, GLB or STL) in the body's rest pose, in place of the configuration's garments",
+    )
+    group.add_argument("--garment", metavar="NAME", help="its name in the data set; default the file's")
+    group.add_argument(
+        "--held", action="store_true", help="its topmost opening is a waistband, which stays on the skin"
+    )
+    group.add_argument(
+        "--weld", action="store_true", help="join split seams; outputs still have the file's vertices and UVs"
+    )
+    group.add_argument("--anyway", action="store_true", help="go on although the checks found something")
+    add_axes(group)
+    group.add_argument(
+        "--body-rest", type=Path, metavar="FILE", help="a mesh sequence's body in its rest pose"
+    )
+    group.add_argument(
+        "--fps", type=float, help="frames a second of mesh sequences whose files do not say; default 30"
+    )
+
+
 def run(args: argparse.Namespace) -> None:
     """Simulate, and say where the data set is."""
+    from imgtransfer.importers.findings import as_flag  # noqa: PLC0415
+    from imgtransfer.importers.template import as_setting  # noqa: PLC0415
     from imgtransfer.simulation.config import SimulateConfig, load_config  # noqa: PLC0415
-    from imgtransfer.simulation.job import plan, simulate  # noqa: PLC0415
+    from imgtransfer.simulation.job import simulate  # noqa: PLC0415
+    from imgtransfer.simulation.plan import plan  # noqa: PLC0415
+    from imgtransfer.simulation.sources import sorted_sources  # noqa: PLC0415
 
     executor = chosen_executor(args)
     configs = [path for path in args.sources if path.suffix in (".yaml", ".yml")]
     if len(configs) > 1:
         raise InputError(f"one configuration at a time, found {', '.join(str(path) for path in configs)}")
-    config = load_config(configs[0]) if configs else SimulateConfig()
-    tasks = plan(config, [path for path in args.sources if path not in configs], frames=args.frames)
+    config = _with_meshes(args, load_config(configs[0]) if configs else SimulateConfig())
+    sources = [path for path in args.sources if path not in configs]
+    _check_used(args, sequences=bool(sorted_sources(sources)[1]))
+    say = as_setting if args.template is None else as_flag
+    tasks = plan(config, sources, frames=args.frames, say=say)
     rejected = simulate(tasks, args.out, executor=executor)
     print(f"{len(tasks) - len(rejected)} of {len(tasks)} clips stand, {len(rejected)} rejected")
     for name, reason in rejected.items():
         print(f"  {name}: {reason}")
     print(f"data set {args.out}")
     print(f"next     imgtransfer inspect {args.out}")
+
+
+def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateConfig:
+    """The configuration with what the arguments say of the user's meshes.
+
+    Raises:
+        InputError: values that make no sense, or files that are not there.
+    """
+    from imgtransfer.garments.config import TemplateConfig  # noqa: PLC0415
+    from imgtransfer.simulation.config import SequenceFiles  # noqa: PLC0415
+
+    _check_values(args)
+    axes, of_garment = chosen_axes(args)
+    of_garment = of_garment or axes
+    changes: dict[str, Any] = {}
+    given = {name: getattr(args, name) for name in ("body_rest", "fps", "weld") if getattr(args, name)}
+    if any(getattr(args, name) for name in _OF_AXES):
+        given |= {"up": axes.up, "facing": axes.facing, "scale": axes.scale}
+    if given:
+        kept = config.sequences.model_dump(exclude_unset=True)
+        if "scale" in given:
+            kept.pop("unit", None)
+        changes["sequences"] = SequenceFiles(**kept | given)
+    if args.template is not None:
+        garment = TemplateConfig(
+            path=args.template,
+            up=of_garment.up,
+            facing=of_garment.facing,
+            scale=of_garment.scale,
+            weld=args.weld,
+            held=args.held,
+            anyway=args.anyway,
+            name=args.garment,
+        )
+        changes |= {"garment": garment, "garments": ()}
+    return config.model_copy(update=changes)
+
+
+def _check_used(args: argparse.Namespace, *, sequences: bool) -> None:
+    """Raise InputError where an argument would do nothing: without --template, or without mesh sequences."""
+    needs = {
+        "--template FILE; a configuration's garment has its own settings": (
+            () if args.template is not None else _OF_GARMENT
+        ),
+        "body mesh sequences; a configuration's `fps` is the simulation's own": (
+            () if sequences else _OF_SEQUENCES
+        ),
+        "--template FILE or body mesh sequences": (
+            () if sequences or args.template is not None else (*_OF_AXES, "weld")
+        ),
+    }
+    for what, options in needs.items():
+        for option in options:
+            if getattr(args, option):
+                raise InputError(f"--{option.replace('_', '-')} goes with {what}")
+
+
+def _check_values(args: argparse.Namespace) -> None:
+    import re  # noqa: PLC0415
+
+    from imgtransfer.garments.config import NAME  # noqa: PLC0415
+
+    if args.garment is not None and not re.fullmatch(NAME, args.garment):
+        raise InputError(f"--garment {args.garment}: a name of letters, digits, '_', '-' and '.' is wanted")
+    if args.fps is not None and not 0 < args.fps < 1e4:
+        raise InputError(f"--fps {args.fps}: a positive number of frames a second is wanted")
+    for option, path in (("--template", args.template), ("--body-rest", args.body_rest)):
+        if path is not None and not path.is_file():
+            raise InputError(f"{option} {path}: no such file; a mesh is wanted")

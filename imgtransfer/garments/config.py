@@ -5,8 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from imgtransfer.importers.axes import UNITS, Axes, usual_facing
+from imgtransfer.importers.job import clip_name
+
+NAME = r"^[\w-][\w.-]*$"  # of a garment in a data set
 Detail = Literal["full", "small"]
 
 
@@ -91,24 +95,45 @@ class TrousersConfig(_Lower):
 AxisName = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
-class TemplateConfig(BaseModel):
-    """The user's own garment mesh, made for the body that it is simulated on."""
+class MeshFile(BaseModel):
+    """How the coordinates of a mesh file lie."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    up: AxisName = "y"  # the file's axis that points up
+    facing: AxisName | None = None  # the one that the body faces; None is z, or -y where z is up
+    unit: Literal["m", "cm", "mm", "dm", "in", "ft"] = "m"  # of the file
+    scale: float | None = Field(None, gt=0)  # metres a unit of the file, in place of `unit`
+    weld: bool = False  # join seams that the file has split
+
+    @model_validator(mode="after")
+    def _two_axes(self) -> MeshFile:
+        if self.facing is not None and self.up[-1] == self.facing[-1]:
+            raise ValueError(f"up is {self.up} and facing {self.facing}; they must be different axes")
+        if self.scale is not None and "unit" in self.model_fields_set:
+            raise ValueError("unit and scale say the same; give one of them")
+        return self
+
+    @property
+    def axes(self) -> Axes:
+        """The same as the importers have it."""
+        scale = UNITS[self.unit] if self.scale is None else self.scale
+        return Axes(self.up, self.facing or usual_facing(self.up), scale)
+
+
+class TemplateConfig(MeshFile):
+    """The user's own garment mesh, made for the body that it is simulated on; outputs have its file's vertices."""
 
     kind: Literal["template"] = "template"
     path: Path
-    up: AxisName = "y"  # the file's axis that points up
-    facing: AxisName = "z"  # the file's axis that the body faces
-    unit: Literal["m", "cm", "mm", "dm", "in", "ft"] = "m"  # of the file
-    weld: bool = False  # join seams that the file has split; outputs still have its vertices
     held: bool = False  # whether the topmost opening is a waistband, which stays where it is on the skin
-    name: str | None = None  # of the garment in data sets; the file's name without suffix if None
+    anyway: bool = False  # take it although the checks of the mesh found something
+    name: str | None = Field(None, pattern=NAME)  # of the garment in data sets; from the file's name if None
 
     @property
     def title(self) -> str:
         """What data sets and messages call the garment."""
-        return self.name or self.path.stem
+        return self.name or clip_name(self.path.stem, "").partition("/")[0]
 
 
 def _kind(value: Any) -> str:

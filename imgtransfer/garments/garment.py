@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +25,9 @@ from imgtransfer.garments.figure import Figure
 from imgtransfer.garments.lower import lower_field, lower_garment, waistband
 from imgtransfer.garments.refit import refitted
 from imgtransfer.garments.upper import upper_field, upper_garment
-from imgtransfer.importers.axes import UNITS, Axes
+from imgtransfer.importers.axes import Axes
+from imgtransfer.importers.findings import Say
+from imgtransfer.importers.template import as_setting
 from imgtransfer.importers.template import load_template as place_template
 from render import InputError
 from render.mesh import Mesh
@@ -76,7 +77,7 @@ def make_garment(
     """
     config = config or TShirtConfig()
     if isinstance(config, TemplateConfig):
-        return load_template(body, config)
+        return load_template(resting(body), config)[0]
     figure = Figure.of(body)
     maker = figure if like is None else Figure.of(like)
     mesh = _surface(maker, config)
@@ -91,6 +92,11 @@ def make_garment(
         mesh = refitted(mesh, maker, figure, _field(figure, config), borders)
         _check(mesh, figure, config)
     return Garment(config.kind, mesh, openings, np.sort(openings.get("waist", _NONE)))
+
+
+def resting(body: SkinnedBody, title: str = "") -> Mesh:
+    """A body at rest, as messages about a template call it."""
+    return Mesh(body.rest, body.faces, f"the body {title}".rstrip())
 
 
 def _height(opening: str, figure: Figure, config: MadeConfig) -> float | None:
@@ -114,27 +120,41 @@ def _field(figure: Figure, config: MadeConfig) -> Field:
     return lower_field(figure, config)
 
 
-def load_template(body: SkinnedBody, config: TemplateConfig) -> Garment:
-    """The user's mesh, in our axes and units, welded if asked for; what is odd about it is printed to stderr.
+def load_template(
+    body: Mesh, config: TemplateConfig, *, body_axes: Axes | None = None, say: Say = as_setting
+) -> tuple[Garment, list[str]]:
+    """The user's mesh, in our axes and units, welded if asked for, checked against the body that shall wear it.
+
+    Args:
+        body: at rest; its `source` is what messages call it.
+        body_axes: how the body's file lay, where it came from one.
+        say: how messages name a setting of the garment and its value.
+
+    Returns:
+        The garment; and what is odd about it but no obstacle, one text each.
 
     Raises:
         InputError: no such file, no usable mesh, or a fault that the import of meshes would stop at, such as other
             units or axes than the body's, or a start deep inside the body.
     """
-    axes = Axes(config.up, config.facing, UNITS[config.unit])
-    resting = Mesh(body.rest, body.faces, "the body")
-    mesh, notes = place_template(config.path, resting, axes=axes, welding=config.weld)
-    for note in notes:
-        print(f"note: {note}", file=sys.stderr)
+    mesh, notes = place_template(
+        config.path,
+        body,
+        axes=config.axes,
+        body_axes=body_axes,
+        welding=config.weld,
+        anyway=config.anyway,
+        say=say,
+    )
     loops = {f"opening {number}": loop for number, loop in enumerate(border_loops(mesh.faces), 1)}
     held = _NONE
     if config.held:
         if not loops:
             raise InputError(
-                f"{config.path}: the mesh has no opening that could be a waistband; leave out `held`"
+                f"{config.path}: the mesh has no opening that could be a waistband; leave out {say('held', '')}"
             )
         held = np.sort(max(loops.values(), key=lambda loop: mesh.vertices[loop, 1].mean()))
-    return Garment(config.title, mesh, loops, held)
+    return Garment(config.title, mesh, loops, held), notes
 
 
 def _check(mesh: Mesh, figure: Figure, config: MadeConfig) -> None:

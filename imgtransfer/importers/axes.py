@@ -58,6 +58,11 @@ class Axes:
         return f"--up={self.up} --facing={self.facing}"
 
 
+def usual_facing(up: str) -> str:
+    """What a body usually faces in files with this axis up: -y where z is up, as in Blender, else z."""
+    return "z" if up[-1:] != "z" else "-y"
+
+
 def _vector(axis: str) -> np.ndarray:
     vector = np.zeros(3)
     vector["xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0

@@ -39,21 +39,32 @@ def find_source(folder: Path, options: Options) -> Source:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; one with garment and body frames is wanted")
-    garment, body = (moving_in(folder, what) for what in ("garment", "body"))
-    for what, found in (("garment", garment), ("body", body)):
-        if found is None:
-            raise InputError(
-                f"{folder}: no {what} in it; wanted is a folder {what}/ of OBJ or PLY frames, frames "
-                f"{what}_0000.obj and so on, or a point cache {what}.pc2 (.mdd, .pc16)"
-            )
-    assert garment is not None
-    assert body is not None
+    garment, body = (_wanted(folder, what) for what in ("garment", "body"))
     return Source(
         garment,
         body,
         options.template or _single(folder, "template"),
         options.body_rest or _single(folder, "body_rest"),
     )
+
+
+def find_body(folder: Path, body_rest: Path | None = None) -> tuple[Path, Path | None]:
+    """The moving body in a clip's folder, and its rest pose (None takes the first frame); `body_rest` comes first.
+
+    Raises:
+        InputError: no body in it.
+    """
+    return _wanted(folder, "body"), body_rest or _single(folder, "body_rest")
+
+
+def _wanted(folder: Path, what: str) -> Path:
+    found = moving_in(folder, what)
+    if found is None:
+        raise InputError(
+            f"{folder}: no {what} in it; wanted is a folder {what}/ of OBJ or PLY frames, frames "
+            f"{what}_0000.obj and so on, or a point cache {what}.pc2 (.mdd, .pc16)"
+        )
+    return found
 
 
 def moving_in(folder: Path, what: str) -> Path | None:

@@ -1,8 +1,7 @@
 """Cloth on a moving body: the model, built with Newton (which runs on Warp), and its steps in time.
 
 The body is one mesh collider without mass. Its points move at every substep, and its surface velocity reaches the
-friction. The cloth collides with itself on request only: that costs several times as much, and a T-shirt's folds rarely
-cross.
+friction. The cloth collides with itself on request.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import numpy as np
 
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
 from imgtransfer.simulation.descent import CONTACT_DAMPING, ClothDescent
-from imgtransfer.simulation.newton_descent import NewtonDescent
 from render import InputError
 from render.mesh import Mesh
 
@@ -84,13 +82,14 @@ class ClothOnBody:
         model.shape_collision_aabb_upper.fill_(warp.vec3(_EVERYWHERE))
         self.collider: Any = collider.mesh
         self.model: Any = model
-        self.stepper: NewtonDescent | ClothDescent
-        if solver.self_contact:
-            self.stepper = NewtonDescent(model, material, solver.iterations)
-        else:
-            self.stepper = ClothDescent(
-                model, self.collider, material, solver.iterations, relaxation=solver.relaxation
-            )
+        self.stepper: Any = ClothDescent(
+            model,
+            self.collider,
+            material,
+            solver.iterations,
+            relaxation=solver.relaxation,
+            self_contact=solver.self_contact,
+        )
         self.state: Any = model.state()
         self._body = body_vertices.astype(np.float32)
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import fnmatch
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from imgtransfer.bodies.config import AnnyConfig, BodyConfig
-from imgtransfer.garments.config import GarmentConfig, TShirtConfig
+from imgtransfer.garments.config import GarmentConfig, MeshFile, TShirtConfig
 from imgtransfer.motions.amass import UpAxis
 from imgtransfer.motions.check import PATH_SPEED, TURNING
 from imgtransfer.motions.kinds import KINDS
@@ -25,7 +25,7 @@ Split = Literal["train", "validation", "test"]
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class ClothConfig(_Section):
@@ -64,7 +64,7 @@ class SolverConfig(_Section):
     relaxation: float = Field(1.5, ge=0.5, lt=1.9)
     settle_seconds: float = Field(0.8, ge=0)  # the cloth comes to rest on the resting body
     warm_up_seconds: float = Field(0.7, gt=0)  # from the rest pose to the first frame; not recorded
-    self_contact: bool = False  # whether the cloth collides with itself; takes several times as long
+    self_contact: bool = False  # whether the cloth collides with itself
 
     @model_validator(mode="after")
     def _ordered(self) -> SolverConfig:
@@ -83,14 +83,25 @@ class SolverConfig(_Section):
 class GateConfig(_Section):
     """What a simulated clip must keep to; otherwise it is tried once more with twice the substeps, then rejected."""
 
-    median_stretch: float = 0.08  # |median of edge length / rest length - 1|
-    p99_stretch: float = 1.6  # 99th percentile of edge length / rest length
-    sunk_percent: float = 6.0  # vertices inside the body before they are pushed out, mean over frames
-    penetration_percent: float = 0.5  # vertices still inside the body afterwards, mean over frames
-    speed: float = 4.0  # m/s by which a vertex may be faster than the fastest point of the body
-    reach: float = 0.5  # metres, the largest distance of a vertex to the body
-    energy_spike: float = 4.0  # kinetic energy of a frame over that of the frames around it
-    jitter: float = 0.002  # metres, 95th percentile of how far vertices shake while the body rests
+    model_config = ConfigDict(allow_inf_nan=True)  # .inf turns a gate off
+
+    median_stretch: float = Field(0.08, ge=0)  # |median of edge length / rest length - 1|
+    p99_stretch: float = Field(1.6, ge=0)  # 99th percentile of edge length / rest length
+    sunk_percent: float = Field(
+        6.0, ge=0
+    )  # vertices inside the body before they are pushed out, mean over frames
+    penetration_percent: float = Field(
+        0.5, ge=0
+    )  # vertices still inside the body afterwards, mean over frames
+    speed: float = Field(4.0, ge=0)  # m/s by which a vertex may be faster than the fastest point of the body
+    reach: float = Field(0.5, ge=0)  # metres, the largest distance of a vertex to the body
+    energy_spike: float = Field(4.0, ge=0)  # kinetic energy of a frame over that of the frames around it
+    jitter: float = Field(
+        0.002, ge=0
+    )  # metres, 95th percentile of how far vertices shake while the body rests
+
+
+_Tempo = Annotated[float, Field(gt=0)]
 
 
 class LibraryMotion(_Section):
@@ -98,8 +109,8 @@ class LibraryMotion(_Section):
 
     motion: str
     seed: int = Field(0, ge=0)
-    last_seed: int | None = None
-    tempo: float | tuple[float, float] = 1.0  # a range is drawn from by seed
+    last_seed: int | None = Field(None, ge=0)
+    tempo: _Tempo | tuple[_Tempo, _Tempo] = 1.0  # a range is drawn from by seed
     seconds: float = Field(2.5, gt=0)
     split: Split = "train"
 
@@ -109,6 +120,12 @@ class LibraryMotion(_Section):
         if kind not in KINDS:
             raise ValueError(f"not in the library; there are {', '.join(KINDS)}")
         return kind
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LibraryMotion:
+        if self.last_seed is not None and self.last_seed < self.seed:
+            raise ValueError(f"last_seed {self.last_seed} is less than seed {self.seed}")
+        return self
 
     def motions(self, fps: float) -> list[Motion]:
         """The motions, at `fps`."""
@@ -143,6 +160,16 @@ class FileMotions(_Section):
         return "train"
 
 
+class SequenceFiles(MeshFile):
+    """How body mesh sequences given on the command line are read; `files` says which split they belong to."""
+
+    fps: float | None = Field(None, gt=0, lt=1e4)  # of the files; None is what they say themselves, else 30
+    body_rest: Path | None = (
+        None  # the body in its rest pose; None is body_rest.obj beside or above the frames
+    )
+    speed: float = Field(30.0, gt=0)  # m/s of a vertex; faster sequences are left out
+
+
 class SimulateConfig(_Section):
     """A data set to simulate. Unknown keys are refused."""
 
@@ -160,6 +187,7 @@ class SimulateConfig(_Section):
     solver: SolverConfig = SolverConfig()
     gates: GateConfig = GateConfig()
     files: FileMotions = FileMotions()
+    sequences: SequenceFiles = SequenceFiles()
     clips: tuple[LibraryMotion, ...] = ()
 
     def singles(self, number: int) -> list[SimulateConfig]:

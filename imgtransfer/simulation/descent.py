@@ -2,7 +2,8 @@
 
 Newton's SolverVBD spends most of its time on what a cloth on a body never needs: derivatives of hinge angles by
 vertices that do not move, one record a contact, truncation against self-contact. This is the same descent on the same
-energies (a test holds it to SolverVBD's steps); Newton builds the model and its colouring.
+energies (a test holds it to SolverVBD's steps); Newton builds the model and its colouring. Where the cloth shall
+collide with itself, vertices keep off triangles (`SelfContact`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from imgtransfer.simulation.config import ClothConfig
+from imgtransfer.simulation.self_contact import SelfContact
 
 # Contacts are searched once a step; the body may move this far (metres) within one without being missed.
 CONTACT_GAP = 0.03
@@ -29,13 +31,22 @@ class ClothDescent:
         iterations: of descent, a step.
         relaxation: factor on every move of a vertex; above 1 (successive over-relaxation) stretch, which spreads from
             vertex to vertex, converges in fewer iterations.
+        self_contact: whether the cloth keeps its `thickness` from itself.
     """
 
     def __init__(
-        self, model: Any, body: Any, material: ClothConfig, iterations: int, *, relaxation: float = 1.0
+        self,
+        model: Any,
+        body: Any,
+        material: ClothConfig,
+        iterations: int,
+        *,
+        relaxation: float = 1.0,
+        self_contact: bool = False,
     ) -> None:
         import warp  # noqa: PLC0415 (heavy)
 
+        from imgtransfer.simulation import contact_kernels  # noqa: PLC0415 (heavy)
         from imgtransfer.simulation import descent_kernels as kernels  # noqa: PLC0415 (heavy)
 
         self._wp, self._kernels = warp, kernels
@@ -44,7 +55,9 @@ class ClothDescent:
         self._iterations = iterations
         self._gravity = warp.vec3(*model.gravity.numpy()[0].tolist())
         self._sheet = _sheet(model, warp, kernels)
-        self._fabric = _fabric(material, relaxation, kernels)
+        self._fabric = _fabric(material, relaxation, contact_kernels)
+        self.self_contact = SelfContact(model, material.thickness) if self_contact else None
+        self._touch = contact_kernels.Touch() if self.self_contact is None else self.self_contact.touch
         self._colours: list[Any] = [
             warp.array(group.numpy(), dtype=int, device=model.device) for group in model.particle_color_groups
         ]
@@ -58,6 +71,8 @@ class ClothDescent:
 
     def step(self, state: Any, seconds: float) -> None:
         """Move the particles of a Newton state, always the same one, in place; the body stands where it will be."""
+        if self.self_contact is not None:
+            self.self_contact.update(state.particle_q)
         if seconds not in self._recorded:
             self._recorded[seconds] = self.commands(state, seconds)
         for _, command in self._recorded[seconds]:
@@ -74,15 +89,22 @@ class ClothDescent:
             )
             return kernel.key, command
 
+        around = self._touch, self._fabric
         descend = [
-            launch(kernels.descend, len(members), sheet, now, self._fabric, seconds, members, position)
+            launch(kernels.descend, len(members), sheet, now, *around, seconds, members, position)
             for members in self._colours
         ]
+        touches = []
+        if self.self_contact is not None:
+            touches = [
+                launch(kernel, self._n, *given) for kernel, given in self.self_contact.commands(now.start)
+            ]
         return [
             launch(kernels.begin, self._n, sheet, now, self._gravity, seconds, velocity, position),
             launch(kernels.measure_faces, len(sheet.faces), sheet, now),
             launch(kernels.measure_hinges, len(sheet.hinges), sheet, now),
             launch(kernels.find_contacts, self._n, now, self._body.id, self._reach),
+            *touches,
             *descend * self._iterations,
             launch(kernels.finish, self._n, now, 1 / seconds, position, velocity),
         ]

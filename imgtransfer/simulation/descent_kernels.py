@@ -6,14 +6,15 @@ vertices that do not move.
 """
 
 # mypy: ignore-errors
-# ruff: noqa: PLR0917, SIM108
+# ruff: noqa: PLR0917
 # Kernels are written in Warp's own language: its annotations are no Python types, and arguments go by position.
 
 import warp as wp
 
+from imgtransfer.simulation.contact_kernels import Fabric, Touch, plane_contact, self_contact
+
 wp.set_module_options({"enable_backward": False})
 
-_SLIP_SPEED = wp.constant(0.01)  # m/s, below which friction grows with the speed instead of being constant
 _TINY = wp.constant(1e-12)
 
 
@@ -44,20 +45,6 @@ class Sheet:
     spine_start: wp.array(dtype=int)
     spines: wp.array(dtype=wp.vec4i)
     spine_hinge: wp.array(dtype=int)
-
-
-@wp.struct
-class Fabric:
-    """Material and contact constants, as in `ClothConfig`."""
-
-    stretch: float
-    stretch_damping: float
-    bending_damping: float
-    contact_stiffness: float
-    contact_damping: float
-    friction: float
-    thickness: float
-    relaxation: float  # factor on every move of a vertex
 
 
 @wp.struct
@@ -222,36 +209,11 @@ def _hinge(
     return -moment * gradient, wp.outer(gradient, gradient) * (stiffness * (1.0 + damping))
 
 
-@wp.func
-def _contact(fabric: Fabric, seconds: float, x: wp.vec3, start: wp.vec3, p: wp.vec3, n: wp.vec3, v: wp.vec3):
-    """Penalty force of a plane at p, damped on approach, with Coulomb friction against its velocity v."""
-    force, hessian = wp.vec3(0.0), wp.mat33(0.0)
-    depth = fabric.thickness - wp.dot(n, x - p)
-    if wp.dot(n, n) > 0.0 and depth > 0.0:
-        slip = x - start - seconds * v
-        along = wp.dot(n, slip)
-        load = fabric.contact_stiffness * depth
-        k = fabric.contact_stiffness
-        force = load * n
-        if along < 0.0:
-            force -= fabric.contact_damping / seconds * along * n
-            k += fabric.contact_damping / seconds
-        slip = slip - along * n
-        way, least = wp.length(slip), _SLIP_SPEED * seconds
-        grip = fabric.friction * load
-        if way > least:
-            grip = grip / way
-        else:
-            grip = grip * (2.0 - way / least) / least
-        force -= grip * slip
-        hessian = wp.outer(n, n) * (k - grip) + wp.identity(n=3, dtype=float) * grip
-    return force, hessian
-
-
 @wp.kernel
 def descend(
     sheet: Sheet,
     step: Step,
+    touch: Touch,
     fabric: Fabric,
     seconds: float,
     members: wp.array(dtype=int),
@@ -265,9 +227,21 @@ def descend(
     x = position[i]
     per_second = 1.0 / seconds
     inertia = mass * per_second * per_second
-    force, hessian = _contact(
-        fabric, seconds, x, step.start[i], step.surface[i], step.normal[i], step.speed[i]
+    force, hessian = plane_contact(
+        fabric,
+        fabric.contact_stiffness,
+        fabric.thickness,
+        seconds,
+        x,
+        step.start[i],
+        step.surface[i],
+        step.normal[i],
+        step.speed[i],
     )
+    if touch.apart > 0.0:
+        f, h = self_contact(touch, fabric, seconds, i, step.start, position)
+        force += f
+        hessian += h
     force += inertia * (step.goal[i] - x)
     hessian += inertia * wp.identity(n=3, dtype=float)
     for c in range(sheet.corner_start[i], sheet.corner_start[i + 1]):

@@ -1,4 +1,4 @@
-"""Simulate a list of clips into one data set: what is asked for, and each clip as a task of its own."""
+"""Simulate a list of clips into one data set, each as a task of its own."""
 
 from __future__ import annotations
 
@@ -9,71 +9,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from imgtransfer.data.place import everywhere, place_at
+from imgtransfer.data.schema import read_all_attributes
 from imgtransfer.data.store import DataSet
-from imgtransfer.motions.check import motion_faults
-from imgtransfer.motions.files import load_motion, motion_files
-from imgtransfer.motions.motion import Motion, arms_out
 from imgtransfer.running import Executor, Serial, run_tasks
-from imgtransfer.simulation.config import SimulateConfig, Split
-from imgtransfer.simulation.run import Rejected, clip_name, simulate_clip
+from imgtransfer.simulation.contents import garment_content
+from imgtransfer.simulation.plan import Task
+from imgtransfer.simulation.run import Rejected, simulate_clip
+from imgtransfer.simulation.sequence import MeshSequence
 from render import InputError
 
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """One clip to simulate."""
-
-    motion: Motion
-    split: Split
-    config: SimulateConfig
-
-    @property
-    def name(self) -> str:
-        """Its name in the data set."""
-        return clip_name(self.config, self.motion)
-
-
-def plan(config: SimulateConfig, files: Sequence[Path] = (), *, frames: int | None = None) -> list[Task]:
-    """The clips that a configuration and motion files (npz, bvh, or folders of them) ask for.
-
-    A motion file in which a joint turns too far or too fast for a body is left out, and named on stderr.
-
-    Args:
-        frames: keep only so many frames of each.
-
-    Raises:
-        InputError: nothing to simulate, two clips of one name, or a motion file that cannot be read.
-    """
-    motions: list[tuple[Motion, Split]] = [
-        (motion, clips.split) for clips in config.clips for motion in clips.motions(config.fps)
-    ]
-    for path in motion_files(files):
-        motion = load_motion(path, fps=config.fps, up_axis=config.files.up_axis)
-        faults = motion_faults(motion, turning=config.files.turning, path_speed=config.files.path_speed)
-        if faults:
-            print(f"left out {path}: {'; '.join(faults)}", file=sys.stderr)
-            continue
-        motions.append((arms_out(motion, config.files.arms_out), config.files.split(motion.name)))
-    tasks = [
-        Task(motion, split, single)
-        for number, (motion, split) in enumerate(motions)
-        for single in config.singles(number)
-    ]
-    # Clips of one garment and body next to each other: what a process has made for one, it has for the next.
-    tasks.sort(key=lambda task: (task.name.partition("/")[0], task.config.body.title))
-    names = [task.name for task in tasks]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(
-            f"clips {', '.join(twice)} are asked for more than once; give them other seeds or file names"
-        )
-    if not tasks:
-        raise InputError(
-            "nothing to simulate: list clips in the configuration, or give motion files or folders"
-        )
-    if frames is not None:
-        tasks = [replace(task, motion=_cut(task.motion, frames)) for task in tasks]
-    return tasks
+MADE = "made"  # key of a clip's info: a fingerprint of what it was made with
 
 
 @dataclass(frozen=True)
@@ -148,7 +93,26 @@ def _standing(tasks: Sequence[Task], out: str | Path) -> tuple[set[str], dict[st
         for task in tasks
         if task.name in listed and listed[task.name]["made"] == _fingerprint(task)
     }
-    return set(data.names()), rejected
+    names = set(data.names())
+    _note_others(tasks, data, names)
+    return names, rejected
+
+
+def _note_others(tasks: Sequence[Task], data: DataSet, names: set[str]) -> None:
+    """Say which clips stand that were made from other files or settings: they stay as they are."""
+    there = [task for task in tasks if task.name in names]
+    attributes = read_all_attributes(data.place, [task.name for task in there], str(data.path))
+    marks = [str(its.get("info", {}).get(MADE, "")) for its in attributes]
+    others = [
+        task.name for task, mark in zip(there, marks, strict=True) if mark and mark != _fingerprint(task)
+    ]
+    if others:
+        some = ", ".join(others[:3]) + (" ..." if len(others) > 3 else "")
+        print(
+            f"note: {len(others)} clips stand that were made with other settings or files and are left as they are "
+            f"({some}); to make them anew, give another --out, or remove them from {data.path}",
+            file=sys.stderr,
+        )
 
 
 def _make(job: _Job) -> _Made:
@@ -162,19 +126,23 @@ def _make(job: _Job) -> _Made:
     except Rejected as reason:
         data.reject(task.name, str(reason), _fingerprint(task))
         return _Made(str(reason), rejected=str(reason))
-    data.write(task.name, clip, split=task.split)
+    made = replace(clip, info=clip.info | {MADE: _fingerprint(task)})
+    data.write(task.name, made, split=task.split)
     return _Made(f"{task.name} ({task.split}): {clip.n_frames} frames, {clip.info['quality']}")
 
 
 def _fingerprint(task: Task) -> str:
-    """A text that changes with whatever decides how the clip comes out."""
-    settings = task.config.model_dump_json(exclude={"clips", "files", "title", "licence", "source"})
-    motion = task.motion
-    content = [settings.encode(), motion.poses.tobytes(), motion.trans.tobytes(), str(motion.fps).encode()]
-    return hashlib.sha256(b"|".join(content)).hexdigest()[:16]
-
-
-def _cut(motion: Motion, frames: int) -> Motion:
-    if frames < 2:
-        raise InputError(f"--frames {frames}: at least 2 are wanted")
-    return replace(motion, poses=motion.poses[:frames], trans=motion.trans[:frames])
+    """A text that changes with whatever decides how the clip comes out; files count by what they hold."""
+    motion, config = task.motion, task.config
+    left_out = {"clips", "files", "sequences", "title", "licence", "source"}
+    if isinstance(motion, MeshSequence):
+        left_out.add("body")
+        settings = motion.settings.model_dump_json(exclude={"body_rest", "speed"})
+        content = [settings.encode(), motion.content.encode(), str(motion.frames).encode()]
+    else:
+        content = [motion.poses.tobytes(), motion.trans.tobytes(), str(motion.fps).encode()]
+    excluded = dict.fromkeys(left_out, True) | {"garment": {"path"}}
+    settings = config.model_dump_json(exclude=excluded)
+    if garment := garment_content(config.garment):
+        content.append(garment.encode())
+    return hashlib.sha256(b"|".join([settings.encode(), *content])).hexdigest()[:16]

@@ -9,7 +9,7 @@ from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.config import SimulateConfig
-from imgtransfer.simulation.job import plan
+from imgtransfer.simulation.plan import plan
 from render import InputError
 
 

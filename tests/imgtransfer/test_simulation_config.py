@@ -5,7 +5,7 @@ import pytest
 
 from imgtransfer.cli.main import main
 from imgtransfer.simulation.config import SimulateConfig, load_config
-from imgtransfer.simulation.job import plan
+from imgtransfer.simulation.plan import plan
 from render import InputError
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "data"

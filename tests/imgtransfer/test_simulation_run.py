@@ -10,7 +10,8 @@ from imgtransfer.data.store import DataSet
 from imgtransfer.motions.library import make_motion
 from imgtransfer.running import Pool, Serial
 from imgtransfer.simulation.config import GateConfig, SimulateConfig, SolverConfig
-from imgtransfer.simulation.job import plan, simulate
+from imgtransfer.simulation.job import simulate
+from imgtransfer.simulation.plan import plan
 from imgtransfer.simulation.run import Rejected, simulate_clip
 from render import InputError
 

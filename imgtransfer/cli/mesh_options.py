@@ -1,0 +1,53 @@
+"""Command-line arguments that say how the coordinates of the user's meshes lie."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from render import InputError
+
+if TYPE_CHECKING:  # `--help` must not wait for the array libraries
+    from imgtransfer.importers.axes import Axes
+
+
+def add_axes(group: argparse._ArgumentGroup) -> None:
+    """Add --up, --facing, --unit, --scale and the garment's own; a minus needs the equals sign: --facing=-y."""
+    axes = "x, y, z, -x, -y or -z"
+    group.add_argument("--up", help=f"the files' axis that points up: {axes}; default y")
+    group.add_argument(
+        "--facing", help="the axis that the body faces in its rest pose, such as --facing=-y; default z"
+    )
+    group.add_argument("--unit", help="the files' unit: m, cm, mm, dm, in or ft; default m")
+    group.add_argument("--scale", type=float, help="metres a unit of the files, in place of --unit")
+    for what in ("up", "facing", "unit"):
+        group.add_argument(
+            f"--garment-{what}", help=f"--{what} of the garment's files, where it is not the body's"
+        )
+
+
+def chosen_axes(args: argparse.Namespace) -> tuple[Axes, Axes | None]:
+    """How the body's files lie, and the garment's where it is otherwise.
+
+    Raises:
+        InputError: an unknown axis or unit, or --unit with --scale.
+    """
+    from imgtransfer.importers.axes import Axes, usual_facing  # noqa: PLC0415
+
+    if args.unit is not None and args.scale is not None:
+        raise InputError("--unit and --scale say the same; give one of them")
+    scale = args.scale if args.scale is not None else _metres("--unit", args.unit) or 1.0
+    axes = Axes(args.up or "y", args.facing or usual_facing(args.up or "y"), scale)
+    if not (args.garment_up or args.garment_facing or args.garment_unit):
+        return axes, None
+    up = args.garment_up or axes.up
+    facing = args.garment_facing or (axes.facing if up == axes.up else usual_facing(up))
+    return axes, Axes(up, facing, _metres("--garment-unit", args.garment_unit) or scale)
+
+
+def _metres(option: str, unit: str | None) -> float | None:
+    from imgtransfer.importers.axes import UNITS  # noqa: PLC0415
+
+    if unit is not None and unit not in UNITS:
+        raise InputError(f"{option} {unit}: one of {', '.join(UNITS)} is wanted; or give --scale METRES")
+    return None if unit is None else UNITS[unit]

@@ -1,0 +1,158 @@
+"""The clips that are to be simulated, with all that can be wrong about their files found before any work is done."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tqdm import tqdm
+
+from imgtransfer.bodies.config import SmplConfig, make_body
+from imgtransfer.data.schema import check_name
+from imgtransfer.garments.config import TemplateConfig
+from imgtransfer.garments.garment import load_template, resting
+from imgtransfer.importers.findings import Say
+from imgtransfer.importers.template import as_setting
+from imgtransfer.motions.check import motion_faults
+from imgtransfer.motions.files import load_motion
+from imgtransfer.motions.motion import Motion, arms_out
+from imgtransfer.simulation.config import SimulateConfig, Split
+from imgtransfer.simulation.mesh_movement import needs_template
+from imgtransfer.simulation.run import clip_name
+from imgtransfer.simulation.sequence import MeshSequence, find_sequence, speed_fault
+from imgtransfer.simulation.sources import sorted_sources
+from render import InputError, Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One clip to simulate: a motion of the configuration's body, or a body mesh sequence."""
+
+    motion: Motion | MeshSequence
+    split: Split
+    config: SimulateConfig
+
+    @property
+    def name(self) -> str:
+        """Its name in the data set."""
+        return clip_name(self.config, self.motion)
+
+
+def plan(
+    config: SimulateConfig,
+    sources: Sequence[Path] = (),
+    *,
+    frames: int | None = None,
+    say: Say = as_setting,
+) -> list[Task]:
+    """The clips that a configuration, motion files and body mesh sequences (or folders of them) ask for.
+
+    A motion in which a joint turns too far or too fast for a body is left out, and named on stderr; likewise a mesh
+    sequence with a vertex that jumps. Bodies' and garments' own files are read here and checked against each other,
+    each pair once; what is odd about them but no obstacle is printed to stderr.
+
+    Args:
+        frames: keep only so many frames of each.
+        say: how messages name a setting of the garment's mesh and its value.
+
+    Raises:
+        InputError: nothing to simulate, two clips of one name, files that cannot be read, a garment that does not fit
+            its body, or one that cannot be made for a mesh sequence.
+    """
+    if frames is not None and frames < 2:
+        raise InputError(f"--frames {frames}: at least 2 are wanted")
+    files, folders = sorted_sources(sources)
+    tasks = [*_of_motions(config, files, frames), *_of_sequences(config, folders, frames)]
+    _check_names(tasks)
+    _check_files(tasks, say)
+    tasks = _steady(tasks)
+    # Clips of one garment and body next to each other: what a process has made for one, it has for the next.
+    tasks.sort(key=lambda task: (task.name.partition("/")[0], task.config.body.title))
+    if not tasks:
+        raise InputError(
+            "nothing to simulate: list clips in the configuration, or give motion files, body mesh sequences or "
+            "folders of them"
+        )
+    return tasks
+
+
+def _of_motions(config: SimulateConfig, files: Sequence[Path], frames: int | None) -> Iterator[Task]:
+    motions: list[tuple[Motion, Split]] = [
+        (motion, clips.split) for clips in config.clips for motion in clips.motions(config.fps)
+    ]
+    for path in files:
+        motion = load_motion(path, fps=config.fps, up_axis=config.files.up_axis)
+        faults = motion_faults(motion, turning=config.files.turning, path_speed=config.files.path_speed)
+        if faults:
+            print(f"left out {path}: {'; '.join(faults)}", file=sys.stderr)
+            continue
+        motions.append((arms_out(motion, config.files.arms_out), config.files.split(motion.name)))
+    for number, (motion, split) in enumerate(motions):
+        cut = replace(motion, poses=motion.poses[:frames], trans=motion.trans[:frames])
+        for single in config.singles(number):
+            yield Task(cut, split, single)
+
+
+def _of_sequences(config: SimulateConfig, folders: Sequence[Path], frames: int | None) -> Iterator[Task]:
+    for garment in config.garments or (config.garment,):
+        if folders and not isinstance(garment, TemplateConfig):
+            raise InputError(f"{folders[0]}: {needs_template(garment)}")
+    config = config.model_copy(update={"every_body": False})  # the configuration's bodies have no part in it
+    for folder in folders:
+        sequence = replace(find_sequence(folder, config.sequences, config.fps), frames=frames)
+        for single in config.singles(0):
+            yield Task(sequence, config.files.split(sequence.name), single)
+
+
+def _check_names(tasks: Sequence[Task]) -> None:
+    """Raise InputError where a clip cannot be stored under its name, or two have the same."""
+    names = [task.name for task in tasks]
+    for task in tasks:
+        check_name(task.name, task.split)
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(
+            f"clips {', '.join(twice)} are asked for more than once; give them other seeds or file names"
+        )
+
+
+def _check_files(tasks: Sequence[Task], say: Say) -> None:
+    """Read the files of bodies and garments, and check each garment's mesh on each body that wears it, once."""
+    checked = set()
+    for task in tasks:
+        garment, body = task.config.garment, task.config.body
+        own = isinstance(garment, TemplateConfig)
+        pair = (task.motion if isinstance(task.motion, MeshSequence) else body, garment if own else None)
+        if pair in checked:
+            continue
+        checked.add(pair)
+        wearer: Mesh | None = None
+        axes = None
+        if isinstance(task.motion, MeshSequence):
+            part = task.motion.open()
+            wearer, axes = part.rest, part.axes
+            if task.motion.rest is None:
+                print(
+                    f"note: {task.motion.moving}: no body_rest beside it, so its first frame is taken as the rest pose",
+                    file=sys.stderr,
+                )
+        elif own or isinstance(body, SmplConfig):
+            wearer = resting(make_body(body), body.title)
+        if isinstance(garment, TemplateConfig) and wearer is not None:
+            for note in load_template(wearer, garment, body_axes=axes, say=say)[1]:
+                print(f"note: {note}", file=sys.stderr)
+
+
+def _steady(tasks: Sequence[Task]) -> list[Task]:
+    """The tasks without those on mesh sequences that jump, which are named; reads the sequences' frames."""
+    faults: dict[MeshSequence, str | None] = {}
+    sequences = dict.fromkeys(task.motion for task in tasks if isinstance(task.motion, MeshSequence))
+    for sequence in tqdm(sequences, desc="check", unit="sequence", leave=False, disable=None):
+        faults[sequence] = fault = speed_fault(sequence, sequence.read())
+        if fault is not None:
+            print(f"left out {sequence.moving}: {fault}", file=sys.stderr)
+    return [
+        task for task in tasks if not isinstance(task.motion, MeshSequence) or faults[task.motion] is None
+    ]
