@@ -77,8 +77,12 @@ def _stages(garment: TShirtConfig, name: str, solver: SolverConfig, *, frames: i
     count = solver.min_substeps
     bones = body.bone_poses(motion.poses, motion.trans, leg_length=motion.leg_length)
     plain = solver.model_copy(update={"relaxation": 1.0})  # as Newton's
-    ours, theirs = (ClothOnBody(mesh, body.rest, body.faces, material, plain) for _ in range(2))
+    folding = plain.model_copy(update={"self_contact": True})
+    ours, theirs, ours_itself, theirs_itself = (
+        ClothOnBody(mesh, body.rest, body.faces, material, how) for how in (plain, plain, folding, plain)
+    )
     theirs.stepper = NewtonDescent(theirs.model, material, solver.iterations, self_contact=False)
+    theirs_itself.stepper = NewtonDescent(theirs_itself.model, material, solver.iterations)
     seconds: defaultdict[str, float] = defaultdict(float)
 
     def timed(stage: str, call: Any, *arguments: Any) -> Any:
@@ -92,7 +96,7 @@ def _stages(garment: TShirtConfig, name: str, solver: SolverConfig, *, frames: i
     launches = descent.commands(ours.state, duration)
     shift = bones.root[0] - body.bone_heads[0]
     first = body.vertices(body.transforms(bones)[:1].astype(np.float32))[0] - shift.astype(np.float32)
-    for cloth in (ours, theirs):
+    for cloth in (ours, theirs, ours_itself, theirs_itself):
         cloth.step(first, duration)  # compiles
     share = np.arange(1, count + 1)[:, None] / count
 
@@ -113,12 +117,16 @@ def _stages(garment: TShirtConfig, name: str, solver: SolverConfig, *, frames: i
             for kernel, launch in launches:
                 timed(_STAGES.get(kernel, "start"), launch.launch)
             timed("newton", theirs.step, skin, duration)
+            timed("itself", ours_itself.step, skin, duration)
+            timed("newton_itself", theirs_itself.step, skin, duration)
     steps = ("collider", "start", "contacts", "descent")
     own = sum(seconds[stage] for stage in steps)
     return {
         "substeps": count,
         **{f"{stage}_ms": 1000 * seconds[stage] / frames for stage in ("skin", *steps)},
         "ratio_newton_to_ours": seconds["newton"] / own,
+        "ratio_self_contact_to_without": seconds["itself"] / own,
+        "ratio_newton_to_ours_self_contact": seconds["newton_itself"] / seconds["itself"],
         "difference_mm": float(1000 * np.median(np.linalg.norm(ours.vertices - theirs.vertices, axis=1))),
     }
 
