@@ -13,9 +13,9 @@ from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_maps
-from imgtransfer.network.shapes import misfit, same_faces, same_template
+from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.transfer import TransferNet
-from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
+from render import Mesh, PositionBox, TemplateImager, encode_normals
 
 # A decoder output of 1 in residual mode: about the size of the residuals, so that the networks deal with
 # numbers near 1. Positions in metres, normals as parts of a unit vector.
@@ -129,29 +129,8 @@ class TransferModel(nn.Module):
         )
 
     def check_garment(self, clip: Clip) -> None:
-        """Raise InputError unless the clip's garment is the model's.
-
-        It is if it has the same faces and lies where the model's does, vertex by vertex to 1/100 mm; or, on a body with
-        the faces of the model's, if it may be the model's in another shape (`network.shapes.misfit`).
-        """
-        mine, body = self.imager.mesh, self.body
-        if same_template(clip, mine):
-            return
-        sizes = f"({len(clip.template_vertices)} vertices, {len(clip.garment_faces)} faces)"
-        refused = (
-            f"{clip.name}: its garment {sizes} is not the model's ({len(mine.vertices)}, {len(mine.faces)})"
-        )
-        if not same_faces(clip.garment_faces, mine.faces):
-            raise InputError(f"{refused}; train a model on this garment")
-        if body is None:
-            raise InputError(f"{refused} in its one shape; a model trained anew is not bound to one")
-        if not same_faces(clip.body_faces, body.faces):
-            raise InputError(
-                f"{refused} in its own shape, and its body is not the model's in another ({len(body.vertices)} "
-                f"vertices wanted, found {len(clip.body_rest)}, or other faces)"
-            )
-        if fault := misfit(clip, mine, body):
-            raise InputError(f"{refused} in any shape: {fault} the model; train a model on this garment")
+        """Raise InputError unless the clip's garment is the model's, in its own shape or another (`check_clip`)."""
+        check_clip(clip, self.imager.mesh, self.body)
 
     def forward(
         self, body: BodyMaps, *, garment: ImagePair | None = None, tokens: tuple[Tensor, Tensor] | None = None

@@ -6,14 +6,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from imgtransfer.data.clip import Clip
-from render import Mesh
+from render import InputError, Mesh
 
 SAME_M = 1e-5  # vertices that are this near are the same
 # How far a shape may be from the reference: wider than people's shapes, narrower than mistakes such as other units,
 # another up axis, or a rest pose that stands elsewhere.
 _SCALE = 1.6  # of the garment, either way
 _TURN_DEGREES = 20.0
-_LEVEL_M = 0.1  # sideways and to the front; people stand over the same place
+_LEVEL_M = 0.08  # sideways and to the front; people stand over the same place
 _HEIGHT_M = 0.5  # up and down; people are of different height
 _MISFIT = 0.15  # of the garment's radius: what no affine map explains
 _OFF_BODY_M = 0.05  # between garment and body, mean
@@ -29,6 +29,33 @@ def same_template(clip: Clip, template: Mesh) -> bool:
     return same_faces(clip.garment_faces, template.faces) and np.allclose(
         clip.template_vertices, template.vertices, rtol=0, atol=SAME_M
     )
+
+
+def check_clip(clip: Clip, template: Mesh, body: Mesh | None) -> None:
+    """Raise InputError unless the clip's garment is a model's.
+
+    It is if it has the same faces and lies where the model's does, vertex by vertex to 1/100 mm; or, on a body with the
+    faces of the model's, if it may be the model's in another shape.
+
+    Args:
+        clip: to be predicted.
+        template: the model's garment. body: its rest body; None for a model of one shape.
+    """
+    if same_template(clip, template):
+        return
+    mine = f"({len(clip.template_vertices)} vertices, {len(clip.garment_faces)} faces)"
+    refused = f"{clip.name}: its garment {mine} is not the model's ({len(template.vertices)}, {len(template.faces)})"
+    if not same_faces(clip.garment_faces, template.faces):
+        raise InputError(f"{refused}; train a model on this garment")
+    if body is None:
+        raise InputError(f"{refused} in its one shape; a model trained anew is not bound to one")
+    if not same_faces(clip.body_faces, body.faces):
+        raise InputError(
+            f"{refused} in its own shape, and its body is not the model's in another ({len(body.vertices)} "
+            f"vertices wanted, found {len(clip.body_rest)}, or other faces)"
+        )
+    if fault := misfit(clip, template, body):
+        raise InputError(f"{refused} in any shape: {fault} the model; train a model on this garment")
 
 
 def misfit(clip: Clip, template: Mesh, body: Mesh) -> str | None:

@@ -13,6 +13,8 @@ from synthetic import tube_clip as make_clip
 
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, load_clip, save_clip
+from imgtransfer.data.source import clip_refs
+from imgtransfer.data.store import DataSet
 from imgtransfer.evaluation.metrics import evaluate_clip
 from imgtransfer.evaluation.skinning import lbs_baseline
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
@@ -229,6 +231,16 @@ def test_frames_know_their_shape(clips: tuple[Clip, ...]) -> None:
     assert torch.equal(garment[4:7], garment[12:])
     assert garment.shape[1:] == clips[0].template_vertices.shape
     assert body.shape[1:] == clips[0].body_rest.shape
+
+
+def test_shapes_are_known_over_chunks(tmp_path: Path) -> None:
+    data = DataSet.create(tmp_path / "data.zarr")
+    for name, frames, girth in (("a", 70, 1.0), ("b", 40, 1.2), ("c", 3, 1.0)):
+        data.write(name, make_clip(frames, girth=girth), split="train")
+    frames = Frames([ref.reader() for ref in clip_refs(tmp_path / "data.zarr")], "root")
+    assert frames.n_chunks > 3
+    _, _, shape = frames.read(torch.arange(len(frames)))
+    assert shape.tolist() == [0] * 70 + [1] * 40 + [0] * 3
 
 
 def mixed_run(folder: Path, clips: tuple[Clip, ...], **training: object) -> RunConfig:

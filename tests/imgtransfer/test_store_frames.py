@@ -13,7 +13,8 @@ from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import clip_refs
 from imgtransfer.data.store import DataSet
-from imgtransfer.training.sampler import Frames, Order
+from imgtransfer.training.order import Order
+from imgtransfer.training.sampler import Frames
 
 LENGTHS = {"tube/a": 70, "tube/b": 33, "tube/c": 64}  # 3, 2 and 2 chunks
 BYTES_A_FRAME = 12 * (192 + 128)
@@ -40,9 +41,10 @@ def test_frames_are_those_of_the_clips_whatever_the_memory(source: Path, cache_b
     assert len(frames) == len(garments) == sum(LENGTHS.values())
     assert frames.n_chunks == 7
     for index in ([0], [69, 70, 102, 103, 166], [5, 150, 5, 31, 32], list(range(166, 160, -1))):
-        garment, body = frames.read(torch.tensor(index))
+        garment, body, shape = frames.read(torch.tensor(index))
         np.testing.assert_array_equal(garment, garments[index])
         np.testing.assert_array_equal(body, bodies[index])
+        assert shape.tolist() == [0] * len(index)
     np.testing.assert_array_equal(
         frames.garment_bounds(), [garments.min(axis=(0, 1)), garments.max(axis=(0, 1))]
     )

@@ -21,7 +21,8 @@ from imgtransfer.training.checkpoint import load_model, save_model
 from imgtransfer.training.config import RunConfig, load_config, parse_config, to_yaml
 from imgtransfer.training.loop import train
 from imgtransfer.training.measure import map_errors
-from imgtransfer.training.sampler import Frames, Order
+from imgtransfer.training.order import Order
+from imgtransfer.training.sampler import Frames
 from imgtransfer.training.schedule import learning_rate
 from imgtransfer.training.trainer import Trainer
 from render import InputError, PositionBox
