@@ -235,7 +235,7 @@ def test_frames_know_their_shape(clips: tuple[Clip, ...]) -> None:
 
 def test_shapes_are_known_over_chunks(tmp_path: Path) -> None:
     data = DataSet.create(tmp_path / "data.zarr")
-    for name, frames, girth in (("a", 70, 1.0), ("b", 40, 1.2), ("c", 3, 1.0)):
+    for name, frames, girth in (("tube/a", 70, 1.0), ("tube/b", 40, 1.2), ("tube/c", 3, 1.0)):
         data.write(name, make_clip(frames, girth=girth), split="train")
     frames = Frames([ref.reader() for ref in clip_refs(tmp_path / "data.zarr")], "root")
     assert frames.n_chunks > 3
