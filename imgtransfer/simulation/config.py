@@ -18,6 +18,7 @@ from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.fabrics import FABRICS, Fabric
+from imgtransfer.simulation.mistakes import first_mistake
 from render import InputError
 
 _COTTON = FABRICS["cotton"]
@@ -87,18 +88,12 @@ class GateConfig(_Section):
 
     median_stretch: float = Field(0.08, ge=0)  # |median of edge length / rest length - 1|
     p99_stretch: float = Field(1.6, ge=0)  # 99th percentile of edge length / rest length
-    sunk_percent: float = Field(
-        6.0, ge=0
-    )  # vertices inside the body before they are pushed out, mean over frames
-    penetration_percent: float = Field(
-        0.5, ge=0
-    )  # vertices still inside the body afterwards, mean over frames
+    sunk_percent: float = Field(6.0, ge=0)  # vertices inside the body before they are pushed out, on average
+    penetration_percent: float = Field(0.5, ge=0)  # vertices still inside the body afterwards, frames' mean
     speed: float = Field(4.0, ge=0)  # m/s by which a vertex may be faster than the fastest point of the body
     reach: float = Field(0.5, ge=0)  # metres, the largest distance of a vertex to the body
     energy_spike: float = Field(4.0, ge=0)  # kinetic energy of a frame over that of the frames around it
-    jitter: float = Field(
-        0.002, ge=0
-    )  # metres, 95th percentile of how far vertices shake while the body rests
+    jitter: float = Field(0.002, ge=0)  # metres, 95th percentile of vertices' shaking while the body rests
 
 
 _Tempo = Annotated[float, Field(gt=0)]
@@ -164,9 +159,7 @@ class SequenceFiles(MeshFile):
     """How body mesh sequences given on the command line are read; `files` says which split they belong to."""
 
     fps: float | None = Field(None, gt=0, lt=1e4)  # of the files; None is what they say themselves, else 30
-    body_rest: Path | None = (
-        None  # the body in its rest pose; None is body_rest.obj beside or above the frames
-    )
+    body_rest: Path | None = None  # the body at rest; None is body_rest.obj beside or above the frames
     speed: float = Field(30.0, gt=0)  # m/s of a vertex; faster sequences are left out
 
 
@@ -221,6 +214,4 @@ def load_config(path: str | Path) -> SimulateConfig:
     try:
         return SimulateConfig.model_validate(read)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {where}: {first['msg']} ({error.error_count()} such mistakes)") from error
+        raise InputError(f"{path}: {first_mistake(error, SimulateConfig, read)}") from error
