@@ -37,6 +37,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--out", type=Path, required=True, help="the data set, made where it does not exist")
     parser.add_argument("--frames", type=int, help="only the first FRAMES frames of each motion")
+    parser.add_argument(
+        "--clip",
+        action="append",
+        metavar="GLOB",
+        help="only clips of such a name, for instance 'dress/*'; may be given again",
+    )
     _add_meshes(parser.add_argument_group("your own garment and body"))
     add_runner(parser)
     return parser
@@ -83,7 +89,7 @@ def run(args: argparse.Namespace) -> None:
     sources = [path for path in args.sources if path not in configs]
     _check_used(args, sequences=bool(sorted_sources(sources)[1]))
     say = as_setting if args.template is None else as_flag
-    tasks = plan(config, sources, frames=args.frames, say=say)
+    tasks = plan(config, sources, frames=args.frames, clips=args.clip, say=say)
     rejected = simulate(tasks, args.out, executor=executor)
     print(f"{len(tasks) - len(rejected)} of {len(tasks)} clips stand, {len(rejected)} rejected")
     for name, reason in rejected.items():
@@ -124,7 +130,9 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
             anyway=args.anyway,
             name=args.garment,
         )
-        changes |= {"garment": garment, "garments": ()}
+        # Whatever garments a clip was meant for, this is the only one now.
+        clips = tuple(clips.model_copy(update={"garments": ()}) for clips in config.clips)
+        changes |= {"garment": garment, "garments": (), "clips": clips}
     return config.model_copy(update=changes)
 
 

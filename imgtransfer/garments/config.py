@@ -26,6 +26,11 @@ class _Garment(BaseModel):
     smoothing: float = Field(0.025, gt=0.0, lt=0.1)  # metres, how far hollows of the body are bridged
 
     @property
+    def title(self) -> str:
+        """What data sets and messages call the garment."""
+        return str(self.kind)  # type: ignore[attr-defined]  # every garment has one
+
+    @property
     def target_edge(self) -> float:
         """The wanted edge length, metres."""
         return self.edge_lengths[self.detail] if self.edge_length is None else self.edge_length

@@ -108,6 +108,7 @@ class LibraryMotion(_Section):
     tempo: _Tempo | tuple[_Tempo, _Tempo] = 1.0  # a range is drawn from by seed
     seconds: float = Field(2.5, gt=0)
     split: Split = "train"
+    garments: tuple[str, ...] = ()  # simulated in these only, named by kind; in all of them if empty
 
     @field_validator("motion")
     @classmethod
@@ -182,6 +183,15 @@ class SimulateConfig(_Section):
     files: FileMotions = FileMotions()
     sequences: SequenceFiles = SequenceFiles()
     clips: tuple[LibraryMotion, ...] = ()
+
+    @model_validator(mode="after")
+    def _garments_known(self) -> SimulateConfig:
+        there = [garment.title for garment in self.garments or (self.garment,)]
+        for clips in self.clips:
+            for name in clips.garments:
+                if name not in there:
+                    raise ValueError(f"clips.garments: {name} is none of the garments {', '.join(there)}")
+        return self
 
     def singles(self, number: int) -> list[SimulateConfig]:
         """The configurations, of one garment and body each, that motion `number` (from 0) is simulated with."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
 from pathlib import Path
 
 from tqdm import tqdm
@@ -45,6 +46,7 @@ def plan(
     sources: Sequence[Path] = (),
     *,
     frames: int | None = None,
+    clips: Sequence[str] | None = None,
     say: Say = as_setting,
 ) -> list[Task]:
     """The clips that a configuration, motion files and body mesh sequences (or folders of them) ask for.
@@ -55,17 +57,19 @@ def plan(
 
     Args:
         frames: keep only so many frames of each.
+        clips: glob patterns of the names of clips to take; None takes all.
         say: how messages name a setting of the garment's mesh and its value.
 
     Raises:
-        InputError: nothing to simulate, two clips of one name, files that cannot be read, a garment that does not fit
-            its body, or one that cannot be made for a mesh sequence.
+        InputError: nothing to simulate, or nothing that `clips` name, two clips of one name, files that cannot be
+            read, a garment that does not fit its body, or one that cannot be made for a mesh sequence.
     """
     if frames is not None and frames < 2:
         raise InputError(f"--frames {frames}: at least 2 are wanted")
     files, folders = sorted_sources(sources)
     tasks = [*_of_motions(config, files, frames), *_of_sequences(config, folders, frames)]
     _check_names(tasks)
+    tasks = _chosen(tasks, clips)
     _check_files(tasks, say)
     tasks = _steady(tasks)
     # Clips of one garment and body next to each other: what a process has made for one, it has for the next.
@@ -79,8 +83,10 @@ def plan(
 
 
 def _of_motions(config: SimulateConfig, files: Sequence[Path], frames: int | None) -> Iterator[Task]:
-    motions: list[tuple[Motion, Split]] = [
-        (motion, clips.split) for clips in config.clips for motion in clips.motions(config.fps)
+    motions: list[tuple[Motion, Split, Sequence[str]]] = [
+        (motion, clips.split, clips.garments)
+        for clips in config.clips
+        for motion in clips.motions(config.fps)
     ]
     for path in files:
         motion = load_motion(path, fps=config.fps, up_axis=config.files.up_axis)
@@ -88,11 +94,12 @@ def _of_motions(config: SimulateConfig, files: Sequence[Path], frames: int | Non
         if faults:
             print(f"left out {path}: {'; '.join(faults)}", file=sys.stderr)
             continue
-        motions.append((arms_out(motion, config.files.arms_out), config.files.split(motion.name)))
-    for number, (motion, split) in enumerate(motions):
+        motions.append((arms_out(motion, config.files.arms_out), config.files.split(motion.name), ()))
+    for number, (motion, split, garments) in enumerate(motions):
         cut = replace(motion, poses=motion.poses[:frames], trans=motion.trans[:frames])
         for single in config.singles(number):
-            yield Task(cut, split, single)
+            if not garments or single.garment.title in garments:
+                yield Task(cut, split, single)
 
 
 def _of_sequences(config: SimulateConfig, folders: Sequence[Path], frames: int | None) -> Iterator[Task]:
@@ -116,6 +123,22 @@ def _check_names(tasks: Sequence[Task]) -> None:
         raise InputError(
             f"clips {', '.join(twice)} are asked for more than once; give them other seeds or file names"
         )
+
+
+def _chosen(tasks: list[Task], patterns: Sequence[str] | None) -> list[Task]:
+    """The tasks whose names match one of the patterns.
+
+    Raises:
+        InputError: there are tasks, but none matches.
+    """
+    if patterns is None or not tasks:
+        return tasks
+    chosen = [task for task in tasks if any(fnmatch(task.name, pattern) for pattern in patterns)]
+    if not chosen:
+        names = sorted(task.name for task in tasks)
+        some = ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+        raise InputError(f"--clip {', '.join(patterns)}: no clip matches; there are {some}")
+    return chosen
 
 
 def _check_files(tasks: Sequence[Task], say: Say) -> None:

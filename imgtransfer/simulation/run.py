@@ -77,10 +77,8 @@ def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tupl
 
 def clip_name(config: SimulateConfig, motion: Motion | MeshSequence) -> str:
     """What a clip is called in its data set: garment/motion, and the body where it is not the default one."""
-    garment = config.garment
-    kind = garment.title if isinstance(garment, TemplateConfig) else garment.kind
     body = "" if isinstance(motion, MeshSequence) else config.body.title
-    return f"{kind}/{'_'.join(part for part in (motion.name, body) if part)}"
+    return f"{config.garment.title}/{'_'.join(part for part in (motion.name, body) if part)}"
 
 
 def _described(garment: GarmentConfig) -> str:
