@@ -246,19 +246,18 @@ def self_contact(
     return force, hessian
 
 
-@wp.kernel
-def find_tangles(
-    touch: Touch, edges: wp.array(dtype=wp.vec2i), cloth: wp.uint64, position: wp.array(dtype=wp.vec3)
-):
-    """Mark the ends of edges that pass through a triangle; `touch.tangled` must be 0 before."""
-    e = wp.tid()
-    a, b = position[edges[e][0]], position[edges[e][1]]
-    low, high = wp.min(a, b), wp.max(a, b)
-    query = wp.mesh_query_aabb(cloth, low, high)
+@wp.func
+def _crosses(
+    edge: wp.vec2i, faces: wp.array(dtype=wp.vec3i), cloth: wp.uint64, position: wp.array(dtype=wp.vec3)
+) -> bool:
+    """Whether an edge passes through a triangle that it has no corner of."""
+    a, b = position[edge[0]], position[edge[1]]
+    crosses = bool(False)
+    query = wp.mesh_query_aabb(cloth, wp.min(a, b), wp.max(a, b))
     t = int(0)
     while wp.mesh_query_aabb_next(query, t):
-        face = touch.faces[t]
-        if not _has(face, edges[e][0]) and not _has(face, edges[e][1]):
+        face = faces[t]
+        if not _has(face, edge[0]) and not _has(face, edge[1]):
             p, q, r = position[face[0]], position[face[1]], position[face[2]]
             across = wp.cross(q - p, r - p)
             from_a, from_b = wp.dot(across, a - p), wp.dot(across, b - p)
@@ -267,6 +266,29 @@ def find_tangles(
                 u = wp.dot(wp.cross(q - p, x - p), across)
                 v = wp.dot(wp.cross(r - q, x - q), across)
                 w = wp.dot(wp.cross(p - r, x - r), across)
-                if u > 0.0 and v > 0.0 and w > 0.0:
-                    touch.tangled[edges[e][0]] = 1
-                    touch.tangled[edges[e][1]] = 1
+                crosses = crosses or (u > 0.0 and v > 0.0 and w > 0.0)
+    return crosses
+
+
+@wp.kernel
+def find_tangles(
+    touch: Touch, edges: wp.array(dtype=wp.vec2i), cloth: wp.uint64, position: wp.array(dtype=wp.vec3)
+):
+    """Mark the ends of edges that pass through the cloth; `touch.tangled` must be 0 before."""
+    edge = edges[wp.tid()]
+    if _crosses(edge, touch.faces, cloth, position):
+        touch.tangled[edge[0]] = 1
+        touch.tangled[edge[1]] = 1
+
+
+@wp.kernel
+def find_crossings(
+    edges: wp.array(dtype=wp.vec2i),
+    faces: wp.array(dtype=wp.vec3i),
+    cloth: wp.uint64,
+    position: wp.array(dtype=wp.vec3),
+    crossing: wp.array(dtype=int),
+):
+    """Whether each edge passes through the cloth, 1 or 0."""
+    e = wp.tid()
+    crossing[e] = wp.where(_crosses(edges[e], faces, cloth, position), 1, 0)

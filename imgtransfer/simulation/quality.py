@@ -10,6 +10,7 @@ from scipy.ndimage import median_filter
 
 from fusion import BodySdf
 from imgtransfer.simulation.config import GateConfig
+from imgtransfer.simulation.crossings import crossings
 from render.mesh import Mesh
 
 CLEARANCE = 0.001  # metres; where vertices that ended inside the body are put, in front of its surface
@@ -31,6 +32,7 @@ class Quality:
     reach: float
     energy_spike: float
     jitter: float
+    crossing_percent: float  # edges that pass through the cloth itself, mean over frames; no gate looks at it
 
     def as_text(self) -> str:
         """One line for logs."""
@@ -92,6 +94,7 @@ def measure(
         reach=float(after.max()),
         energy_spike=energy_spike(template, vertices, fps),
         jitter=jitter(vertices, body, fps),
+        crossing_percent=float(100 * crossings(template, vertices).mean()),
     )
 
 

@@ -38,8 +38,8 @@ SHAPES = {
 GARMENTS: tuple[type[MadeConfig], ...] = (TShirtConfig, DressConfig, TrousersConfig, SkirtConfig)
 VIEWS = (("front", 0.0), ("left", 0.0), ("back", 0.0))
 SIZE = (300, 190)  # pixels, height and width of one picture
-MOTION, SECONDS = "mixed", 2.0
-FRAMES = (0, 25, 55)
+MOTION, SEED, SECONDS = "random", 401, 2.0
+FRAMES = (15, 37, 59)
 
 
 def rest_sheet(garments: dict[tuple[str, str], Garment]) -> np.ndarray:
@@ -60,11 +60,15 @@ def rest_sheet(garments: dict[tuple[str, str], Garment]) -> np.ndarray:
 
 def posed_sheet(detail: str) -> np.ndarray:
     """(H, W, 3) uint8: a row a garment, for each shape some frames of a simulated motion."""
-    motion = make_motion(MOTION, seed=1, seconds=SECONDS)
+    motion = make_motion(MOTION, seed=SEED, seconds=SECONDS)
 
     def pictures(kind: str, shape: str) -> list[np.ndarray]:
         config = SimulateConfig.model_validate(
-            {"garment": {"kind": kind, "detail": detail}, "body": AnnyConfig(shape=SHAPES[shape])}
+            {
+                "garment": {"kind": kind, "detail": detail},
+                "body": AnnyConfig(shape=SHAPES[shape]),
+                "solver": {"self_contact": True},
+            }
         )
         clip = simulate_clip(motion, config)[0]
         assert clip.garment_vertices is not None
@@ -75,7 +79,7 @@ def posed_sheet(detail: str) -> np.ndarray:
             drawn.append(mesh_picture(surfaces, picture_camera(body, size=SIZE)))
         return drawn
 
-    return _sheet(f"In motion ({MOTION})", pictures, [f"frame {frame}" for frame in FRAMES])
+    return _sheet(f"In motion ({MOTION}, seed {SEED})", pictures, [f"frame {frame}" for frame in FRAMES])
 
 
 def numbers(garments: dict[tuple[str, str], Garment]) -> str:

@@ -8,6 +8,7 @@ from scipy.optimize import minimize
 from imgtransfer.simulation.cloth import ClothOnBody
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
 from imgtransfer.simulation.contact_kernels import closest_weights
+from imgtransfer.simulation.crossings import crossings
 from imgtransfer.simulation.self_contact import SelfContact
 from render.mesh import Mesh
 
@@ -159,6 +160,9 @@ def test_edges_that_pass_through_the_cloth_are_those_of_a_plain_loop():
                 wanted[[start, end]] = 1
     assert 0 < wanted.sum() < len(wanted)
     assert np.array_equal(tangled, wanted)
+    found = crossings(mesh, np.stack([mesh.vertices, placed]))
+    assert not found[0].any()  # apart, as at rest
+    assert np.array_equal(np.unique(mesh.edges[found[1]]), np.flatnonzero(wanted))
 
 
 def test_layers_that_collide_keep_their_momentum():
