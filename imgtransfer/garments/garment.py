@@ -94,9 +94,9 @@ def make_garment(
     return Garment(config.kind, mesh, openings, np.sort(openings.get("waist", _NONE)))
 
 
-def resting(body: SkinnedBody, title: str = "") -> Mesh:
+def resting(body: SkinnedBody) -> Mesh:
     """A body at rest, as messages about a template call it."""
-    return Mesh(body.rest, body.faces, f"the body {title}".rstrip())
+    return Mesh(body.rest, body.faces, "the body")
 
 
 def _height(opening: str, figure: Figure, config: MadeConfig) -> float | None:

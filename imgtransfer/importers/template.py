@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from imgtransfer.importers.axes import Axes
 from imgtransfer.importers.check import check_template
 from imgtransfer.importers.findings import Say, refuse
 from imgtransfer.importers.weld import weld
-from render import Mesh, load_mesh
+from render import InputError, Mesh, load_mesh
+
+_FLAT = 1e-12  # m², twice the area of a triangle with sides of a micrometre
 
 
 def as_setting(name: str, value: str) -> str:
@@ -42,10 +46,31 @@ def load_template(
         `surface`; and what is odd about it but no obstacle, one text each, for the user to read.
 
     Raises:
-        InputError: a file that cannot be read, or severe findings; the message names the settings that mend them.
+        InputError: a file that cannot be read, severe findings (the message names the settings that mend them), or
+            vertices and triangles that cannot be cloth.
     """
     axes = axes or Axes()
     garment = axes.of_mesh(load_mesh(path))
     found = check_template(garment, body, given=body_axes, garment_given=axes, welding=welding, say=say)
     notes = refuse(found, anyway=anyway, hint=f" ({say('anyway', '')} goes on all the same)")
-    return (weld(garment).mesh if welding else garment), notes
+    mesh = weld(garment).mesh if welding else garment
+    _check_cloth(mesh)
+    return mesh, notes
+
+
+def _check_cloth(mesh: Mesh) -> None:
+    """Raise InputError where a part of the mesh can be imported, but cannot be simulated: it would have no mass."""
+    used = np.zeros(len(mesh.vertices), bool)
+    used[mesh.faces] = True
+    if not used.all():
+        raise InputError(
+            f"{mesh.source}: {(~used).sum()} vertices belong to no triangle (vertex {int(np.argmin(used))} first), and "
+            "cannot move with the cloth; delete them"
+        )
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) < _FLAT
+    if flat.any():
+        raise InputError(
+            f"{mesh.source}: {flat.sum()} triangles have no area (triangle {int(np.argmax(flat))} first, vertices "
+            f"{mesh.faces[np.argmax(flat)].tolist()}), and cannot be cloth; merge their vertices or delete them"
+        )

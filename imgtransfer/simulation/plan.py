@@ -24,7 +24,7 @@ from imgtransfer.simulation.mesh_movement import needs_template
 from imgtransfer.simulation.run import clip_name
 from imgtransfer.simulation.sequence import MeshSequence, find_sequence, speed_fault
 from imgtransfer.simulation.sources import sorted_sources
-from render import InputError, Mesh
+from render import InputError
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,29 +143,38 @@ def _chosen(tasks: list[Task], patterns: Sequence[str] | None) -> list[Task]:
 
 def _check_files(tasks: Sequence[Task], say: Say) -> None:
     """Read the files of bodies and garments, and check each garment's mesh on each body that wears it, once."""
-    checked = set()
+    checked: set[object] = set()
+    said: set[str] = set()
+
+    def note(text: str) -> None:
+        if text not in said:
+            print(f"note: {text}", file=sys.stderr)
+        said.add(text)
+
     for task in tasks:
-        garment, body = task.config.garment, task.config.body
-        own = isinstance(garment, TemplateConfig)
-        pair = (task.motion if isinstance(task.motion, MeshSequence) else body, garment if own else None)
-        if pair in checked:
+        motion, garment = task.motion, task.config.garment
+        own = garment if isinstance(garment, TemplateConfig) else None
+        wears = (motion.rest or motion.moving) if isinstance(motion, MeshSequence) else task.config.body
+        if (wears, own) in checked:
             continue
-        checked.add(pair)
-        wearer: Mesh | None = None
-        axes = None
-        if isinstance(task.motion, MeshSequence):
-            part = task.motion.open()
-            wearer, axes = part.rest, part.axes
-            if task.motion.rest is None:
-                print(
-                    f"note: {task.motion.moving}: no body_rest beside it, so its first frame is taken as the rest pose",
-                    file=sys.stderr,
-                )
-        elif own or isinstance(body, SmplConfig):
-            wearer = resting(make_body(body), body.title)
-        if isinstance(garment, TemplateConfig) and wearer is not None:
-            for note in load_template(wearer, garment, body_axes=axes, say=say)[1]:
-                print(f"note: {note}", file=sys.stderr)
+        checked.add((wears, own))
+        if isinstance(motion, MeshSequence):
+            part = motion.open()
+            wearer, axes, called = part.rest, part.axes, ""
+            if motion.rest is None:
+                note(f"{motion.moving}: no body_rest beside it, so its first frame is taken as the rest pose")
+        elif own is not None or isinstance(task.config.body, SmplConfig):
+            wearer, axes = resting(make_body(task.config.body)), None
+            called = task.config.body.title
+        else:
+            continue
+        if own is None:
+            continue
+        try:
+            for text in load_template(wearer, own, body_axes=axes, say=say)[1]:
+                note(text)
+        except InputError as error:
+            raise InputError(f"on the body {called}: {error}" if called else str(error)) from error
 
 
 def _steady(tasks: Sequence[Task]) -> list[Task]:

@@ -21,7 +21,7 @@ from imgtransfer.simulation.contents import files_content
 from render import InputError, Mesh
 
 _SCALE = 1.5  # by which a body's edges may be longer or shorter than in its rest pose, in the middle
-_TORN = 4.0, 0.2  # by how much an edge may change, and in what part of them it may change by more
+_TORN = 1.5, 0.2  # by what factor edges change less, apart from a common one, and in what part of them more
 
 
 @dataclass(frozen=True)
@@ -157,9 +157,8 @@ def _check_like_rest(sequence: MeshSequence, rest: Mesh, vertices: np.ndarray) -
         moved = np.linalg.norm(vertices[frame, end] - vertices[frame, start], axis=1)
         ratio = moved[lengths > 0] / lengths[lengths > 0]
         middle = float(np.median(ratio))
-        if (np.abs(np.log(np.maximum(ratio, 1e-9))) > np.log(_TORN[0])).mean() > _TORN[
-            1
-        ] and 0.1 < middle < 10:
+        apart = np.abs(np.log(np.maximum(ratio, 1e-9) / max(middle, 1e-9))) > np.log(_TORN[0])
+        if apart.mean() > _TORN[1]:
             raise InputError(
                 f"{sequence.moving}: in frame {frame} the triangles are torn apart; the frames' vertices are not in "
                 f"the order of {rest.source}"

@@ -73,11 +73,9 @@ def _contents(entries: list[Path]) -> str:
     folders = [entry.name for entry in entries if entry.is_dir()]
     files = [entry for entry in entries if not entry.is_dir()]
     kinds = Counter(file.suffix.lower() or "no suffix" for file in files).most_common(3)
-    parts = [f"{count} files of {kind}" for kind, count in kinds]
+    parts = [f"{kind} files: {count}" for kind, count in kinds]
     if files:
-        parts[0] += f" ({files[0].name})"
+        parts[0] += f" ({files[0].name}{', ...' if len(files) > 1 else ''})"
     if folders:
-        parts.append(
-            f"{len(folders)} folders ({', '.join(folders[:3])}{', ...' if len(folders) > 3 else ''})"
-        )
+        parts.append(f"folders: {', '.join(folders[:3])}{', ...' if len(folders) > 3 else ''}")
     return ", ".join(parts) or "nothing"
