@@ -127,7 +127,7 @@ def _check_same(clip: Clip, first: Clip) -> None:
         if not same_faces(getattr(clip, key), getattr(first, key)):
             raise InputError(
                 f"{clip.name}: its {key} differ from those of {first.name}; one run trains on one garment and "
-                "one body, in any shapes, choose clips with data.train.names"
+                "one body, in any shapes; choose clips with data.train.names, such as [tshirt/*]"
             )
 
 
