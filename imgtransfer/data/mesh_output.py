@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from imgtransfer.data.texture_files import bring_textures
 from render import InputError, Mesh
 from render.files import written_whole_folder
 from render.objfile import textures
@@ -54,13 +57,26 @@ def add_mesh_frames(
     name: str = "frame",
     numbers: Iterable[int] | None = None,
 ) -> None:
-    """`save_mesh_frames` into a folder that is there already and keeps what it holds."""
+    """`save_mesh_frames` into a folder that is there already and keeps what it holds.
+
+    Textures that can be found are copied beside the files, and named by their bare names; the others are named on
+    stderr.
+    """
     if vertices.ndim != 3 or vertices.shape[1:] != template.vertices.shape:
         wanted = f"(frames, {len(template.vertices)}, 3)"
         raise InputError(
             f"{template.source}: moved vertices must have shape {wanted}, found {vertices.shape}"
         )
     surface = template.surface or plain_surface(template.faces, len(template.vertices))
+    if surface.mtl:
+        mtl, missing = bring_textures(surface.mtl, folder)
+        surface = replace(surface, mtl=mtl)
+        if missing:
+            print(
+                f"note: textures of {template.source} that are not on this machine: {', '.join(missing)}; put them "
+                "beside the written files",
+                file=sys.stderr,
+            )
     writer = _Obj(surface) if kind == "obj" else _Ply(surface)
     if kind == "obj" and surface.mtl:
         (folder / LIBRARY).write_text(surface.mtl)
