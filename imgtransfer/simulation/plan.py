@@ -71,7 +71,7 @@ def plan(
     _check_names(tasks)
     tasks = _chosen(tasks, clips)
     _check_files(tasks, say)
-    tasks = _steady(tasks)
+    tasks = [replace(task, config=_anywhere(task.config)) for task in _steady(tasks)]
     # Clips of one garment and body next to each other: what a process has made for one, it has for the next.
     tasks.sort(key=lambda task: (task.name.partition("/")[0], task.config.body.title))
     if not tasks:
@@ -80,6 +80,14 @@ def plan(
             "folders of them"
         )
     return tasks
+
+
+def _anywhere(config: SimulateConfig) -> SimulateConfig:
+    """The configuration with the full path of a garment's file: a cluster's workers have other working folders."""
+    garment = config.garment
+    if not isinstance(garment, TemplateConfig):
+        return config
+    return config.model_copy(update={"garment": garment.model_copy(update={"path": garment.path.resolve()})})
 
 
 def _of_motions(config: SimulateConfig, files: Sequence[Path], frames: int | None) -> Iterator[Task]:
