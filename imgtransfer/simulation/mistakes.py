@@ -33,7 +33,7 @@ def first_mistake(error: ValidationError, model: type[BaseModel], given: Mapping
         error: raised by `model` for `given`.
     """
     # A key that does not exist tells more than the missing one that it was meant to be.
-    mistakes = sorted(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
+    mistakes = sorted(error.errors(), key=lambda one: one["type"] == "missing")
     mistake = mistakes[0]
     keys, holder, found = _place(model, given, mistake["loc"])
     text = _wrong(mistake, keys, holder, found)

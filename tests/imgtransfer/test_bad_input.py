@@ -336,6 +336,8 @@ def test_configurations(  # noqa: PLR0917
 ) -> None:
     monkeypatch.chdir(here)
     required = b"data: {source: x}\n" if command == "train" else b""
+    if command == "simulate" and message == "greater than":
+        message = "fps: a number above 0 is wanted, found -1"
     (here / "c.yaml").write_bytes(required + content)
     refused(capsys, *YAML[command], "c.yaml", "--out", here / "out", message=message, out=here / "out")
 
