@@ -13,9 +13,9 @@ from imgtransfer.data.schema import read_all_attributes
 from imgtransfer.data.store import DataSet
 from imgtransfer.running import Executor, Serial, run_tasks
 from imgtransfer.simulation.contents import garment_content
-from imgtransfer.simulation.plan import Task
 from imgtransfer.simulation.run import Rejected, simulate_clip
 from imgtransfer.simulation.sequence import MeshSequence
+from imgtransfer.simulation.task import Task
 from render import InputError
 
 MADE = "made"  # key of a clip's info: a fingerprint of what it was made with

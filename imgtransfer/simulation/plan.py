@@ -4,41 +4,24 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
 
-from tqdm import tqdm
-
-from imgtransfer.bodies.config import SmplConfig, make_body
 from imgtransfer.data.schema import check_name
 from imgtransfer.garments.config import TemplateConfig
-from imgtransfer.garments.garment import load_template, resting
 from imgtransfer.importers.findings import Say
 from imgtransfer.importers.template import as_setting
 from imgtransfer.motions.check import motion_faults
 from imgtransfer.motions.files import load_motion
 from imgtransfer.motions.motion import Motion, arms_out
 from imgtransfer.simulation.config import SimulateConfig, Split
+from imgtransfer.simulation.file_checks import check_files, steady
 from imgtransfer.simulation.mesh_movement import needs_template
-from imgtransfer.simulation.run import clip_name
-from imgtransfer.simulation.sequence import MeshSequence, find_sequence, speed_fault
+from imgtransfer.simulation.sequence import find_sequence
 from imgtransfer.simulation.sources import sorted_sources
+from imgtransfer.simulation.task import Task
 from render import InputError
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """One clip to simulate: a motion of the configuration's body, or a body mesh sequence."""
-
-    motion: Motion | MeshSequence
-    split: Split
-    config: SimulateConfig
-
-    @property
-    def name(self) -> str:
-        """Its name in the data set."""
-        return clip_name(self.config, self.motion)
 
 
 def plan(
@@ -70,8 +53,8 @@ def plan(
     tasks = [*_of_motions(config, files, frames), *_of_sequences(config, folders, frames)]
     _check_names(tasks)
     tasks = _chosen(tasks, clips)
-    _check_files(tasks, say)
-    tasks = [replace(task, config=_anywhere(task.config)) for task in _steady(tasks)]
+    check_files(tasks, say)
+    tasks = [replace(task, config=_anywhere(task.config)) for task in steady(tasks)]
     # Clips of one garment and body next to each other: what a process has made for one, it has for the next.
     tasks.sort(key=lambda task: (task.name.partition("/")[0], task.config.body.title))
     if not tasks:
@@ -147,52 +130,3 @@ def _chosen(tasks: list[Task], patterns: Sequence[str] | None) -> list[Task]:
         some = ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
         raise InputError(f"--clip {', '.join(patterns)}: no clip matches; there are {some}")
     return chosen
-
-
-def _check_files(tasks: Sequence[Task], say: Say) -> None:
-    """Read the files of bodies and garments, and check each garment's mesh on each body that wears it, once."""
-    checked: set[object] = set()
-    said: set[str] = set()
-
-    def note(text: str) -> None:
-        if text not in said:
-            print(f"note: {text}", file=sys.stderr)
-        said.add(text)
-
-    for task in tasks:
-        motion, garment = task.motion, task.config.garment
-        own = garment if isinstance(garment, TemplateConfig) else None
-        wears = (motion.rest or motion.moving) if isinstance(motion, MeshSequence) else task.config.body
-        if (wears, own) in checked:
-            continue
-        checked.add((wears, own))
-        if isinstance(motion, MeshSequence):
-            part = motion.open()
-            wearer, axes, called = part.rest, part.axes, ""
-            if motion.rest is None:
-                note(f"{motion.moving}: no body_rest beside it, so its first frame is taken as the rest pose")
-        elif own is not None or isinstance(task.config.body, SmplConfig):
-            wearer, axes = resting(make_body(task.config.body)), None
-            called = task.config.body.title
-        else:
-            continue
-        if own is None:
-            continue
-        try:
-            for text in load_template(wearer, own, body_axes=axes, say=say)[1]:
-                note(text)
-        except InputError as error:
-            raise InputError(f"on the body {called}: {error}" if called else str(error)) from error
-
-
-def _steady(tasks: Sequence[Task]) -> list[Task]:
-    """The tasks without those on mesh sequences that jump, which are named; reads the sequences' frames."""
-    faults: dict[MeshSequence, str | None] = {}
-    sequences = dict.fromkeys(task.motion for task in tasks if isinstance(task.motion, MeshSequence))
-    for sequence in tqdm(sequences, desc="check", unit="sequence", leave=False, disable=None):
-        faults[sequence] = fault = speed_fault(sequence, sequence.read())
-        if fault is not None:
-            print(f"left out {sequence.moving}: {fault}", file=sys.stderr)
-    return [
-        task for task in tasks if not isinstance(task.motion, MeshSequence) or faults[task.motion] is None
-    ]
