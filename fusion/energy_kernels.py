@@ -10,6 +10,7 @@ order, and repeat up to rounding. A frame's do not depend on the frames beside i
 # Kernels are written in Warp's own language: its annotations are no Python types.
 
 from functools import cache
+from threading import Lock
 from types import SimpleNamespace
 
 import warp as wp
@@ -18,9 +19,20 @@ import warp as wp
 EDGE, CONSISTENCY = 0, 1
 
 
-@cache
+_defining = Lock()
+
+
 def kernels(bits: int) -> SimpleNamespace:
-    """The kernels for float32 or float64 (`bits` 32 or 64), each a module of its own that is built when first used."""
+    """The kernels for float32 or float64 (`bits` 32 or 64), each a module of its own that is built when first used.
+
+    Two threads that ask at once get the same: a second definition would take the first one's place in Warp's module.
+    """
+    with _defining:
+        return _defined(bits)
+
+
+@cache
+def _defined(bits: int) -> SimpleNamespace:
     real = wp.float64 if bits == 64 else wp.float32
     vec3 = wp.types.vector(3, real)
     module = wp.get_module(f"fusion.energy_kernels.float{bits}")

@@ -1,11 +1,15 @@
 """Work shared out over threads: the same numbers, whatever their count."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
 import numpy as np
 import pytest
 import torch
 from fusion_examples import cylinder_body, imager_of, true_maps, tube, wrinkled
 
-from fusion import BodySdf, fuse, parallel
+from fusion import BodySdf, energy_kernels, fuse, parallel
 from fusion.parallel import n_threads, one_torch_thread, run_all
 
 
@@ -33,6 +37,21 @@ def test_a_fusion_does_not_depend_on_the_number_of_threads(threads):
     assert found.report["iterations"] == want.report["iterations"]
     for stage, curves in want.report["history"].items():
         np.testing.assert_allclose(found.report["history"][stage]["total"], curves["total"], rtol=1e-5)
+
+
+def test_threads_that_define_kernels_at_once_get_the_same(monkeypatch):
+    """The second definition took the first one's place in Warp's module, whose kernels then could not be launched."""
+    calls = []
+
+    def slow(bits):
+        calls.append(bits)
+        time.sleep(0.05)
+        return object()
+
+    monkeypatch.setattr(energy_kernels, "_defined", cache(slow))
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(energy_kernels.kernels, [32] * 4))
+    assert len(set(map(id, found))) == len(calls) == 1
 
 
 def test_each_frame_meets_its_own_body_on_every_thread(threads):
