@@ -19,7 +19,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "export",
         help="write a clip as npz, animated GLB, OBJ or PLY files",
         description="Vertex order never changes: a garment imported with --weld comes out as its own file had it, with "
-        "its texture coordinates and materials. The ending of --out chooses the form.",
+        "its texture coordinates and materials. The ending of --out chooses the form; a folder gets garment and body "
+        "in every frame and in the rest pose, as `import meshes` reads them.",
     )
     parser.add_argument("source", type=Path, help="data set, clip npz or folder of clip npz")
     parser.add_argument(
@@ -75,10 +76,11 @@ def _write_frames(folder: Path, clip: Clip, kind: MeshKind, step: int) -> None:
 
     if folder.exists():
         raise InputError(f"--out {folder}: exists already; give the name of a new folder")
-    meshes = {"body": (clip.body_vertices, Mesh(clip.body_rest, clip.body_faces))}
+    # Named as `import meshes` and `simulate` look for them, rest pose included.
+    meshes = {"body": (clip.body_vertices, Mesh(clip.body_rest, clip.body_faces), "body_rest")}
     if clip.garment_vertices is not None:
-        meshes["garment"] = (clip.garment_vertices, clip.template)
+        meshes["garment"] = (clip.garment_vertices, clip.template, "template")
     with written_whole_folder(folder) as temporary:
-        for name, (vertices, template) in meshes.items():
+        for name, (vertices, rest, still) in meshes.items():
             numbers = range(0, clip.n_frames, step)
-            add_mesh_frames(temporary, vertices[::step], template, kind, name=name, numbers=numbers)
+            add_mesh_frames(temporary, vertices[::step], rest, kind, name=name, numbers=numbers, still=still)

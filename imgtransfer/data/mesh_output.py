@@ -56,11 +56,12 @@ def add_mesh_frames(
     *,
     name: str = "frame",
     numbers: Iterable[int] | None = None,
+    still: str | None = None,
 ) -> None:
     """`save_mesh_frames` into a folder that is there already and keeps what it holds.
 
-    Textures that can be found are copied beside the files, and named by their bare names; the others are named on
-    stderr.
+    With `still`, the template itself is written, too, under that name. Textures that can be found are copied beside the
+    files, and named by their bare names; the others are named on stderr.
     """
     if vertices.ndim != 3 or vertices.shape[1:] != template.vertices.shape:
         wanted = f"(frames, {len(template.vertices)}, 3)"
@@ -83,6 +84,9 @@ def add_mesh_frames(
     moved = surface.of_file(vertices)
     for number, frame in zip(numbers if numbers is not None else range(len(moved)), moved, strict=True):
         (folder / f"{name}_{number:04d}.{kind}").write_bytes(writer.to_bytes(frame))
+    if still is not None:
+        unmoved = surface.of_file(template.vertices[None])[0]
+        (folder / f"{still}.{kind}").write_bytes(writer.to_bytes(unmoved))
 
 
 class _Obj:

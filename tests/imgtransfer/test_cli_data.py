@@ -74,11 +74,26 @@ def test_export_of_frames_keeps_the_vertex_order(
         main(["export", str(data), "tube/short", "--out", str(out), "--frames-as", kind, "--step", "3"]) == 0
     )
     assert sorted(file.name for file in out.iterdir()) == [
-        f"{mesh}_000{frame}.{kind}" for mesh in ("body", "garment") for frame in (0, 3)
+        f"{name}.{kind}"
+        for name in ("body_0000", "body_0003", "body_rest", "garment_0000", "garment_0003", "template")
     ]
     mesh = trimesh.load(out / f"garment_0003.{kind}", process=False)
     np.testing.assert_allclose(mesh.vertices, tube_clip.garment_vertices[3], atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, tube_clip.garment_faces)
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply"])
+def test_exported_frames_are_imported_again(tmp_path: Path, data: Path, tube_clip: Clip, kind: str) -> None:
+    out = tmp_path / "bend"
+    assert main(["export", str(data), "tube/bend", "--out", str(out), "--frames-as", kind]) == 0
+    back = f"{tmp_path}/back.zarr"
+    assert (
+        main(["import", "meshes", str(out), "--to", back, "--split", "test", "--garment", "tube", "--anyway"])
+        == 0
+    )
+    clip = DataSet.open(back).read("tube/bend")
+    for key in ("template_vertices", "garment_vertices", "body_rest", "body_vertices"):
+        assert np.allclose(getattr(clip, key), getattr(tube_clip, key), rtol=0, atol=1e-6), key
 
 
 def test_export_of_an_animation(tmp_path: Path, data: Path) -> None:
