@@ -38,8 +38,8 @@ SHAPES = {
 GARMENTS: tuple[type[MadeConfig], ...] = (TShirtConfig, DressConfig, TrousersConfig, SkirtConfig)
 VIEWS = (("front", 0.0), ("left", 0.0), ("back", 0.0))
 SIZE = (300, 190)  # pixels, height and width of one picture
-MOTION, SEED, SECONDS = "random", 401, 2.0
-FRAMES = (15, 37, 59)
+MOTION, SEED, TEMPO, SECONDS = "random", 401, 0.7, 3.0
+FRAMES = (20, 53, 85)
 
 
 def rest_sheet(garments: dict[tuple[str, str], Garment]) -> np.ndarray:
@@ -60,7 +60,7 @@ def rest_sheet(garments: dict[tuple[str, str], Garment]) -> np.ndarray:
 
 def posed_sheet(detail: str) -> np.ndarray:
     """(H, W, 3) uint8: a row a garment, for each shape some frames of a simulated motion."""
-    motion = make_motion(MOTION, seed=SEED, seconds=SECONDS)
+    motion = make_motion(MOTION, seed=SEED, tempo=TEMPO, seconds=SECONDS)
 
     def pictures(kind: str, shape: str) -> list[np.ndarray]:
         config = SimulateConfig.model_validate(

@@ -68,7 +68,7 @@ def test_the_example_and_the_python_run_on_small_maps(tmp_path, monkeypatch, cap
     monkeypatch.chdir(tmp_path)
     for block in blocks("python"):
         exec(compile(block, "docs/fusion.md", "exec"), {})
-    assert "(1, 1944, 3)" in capsys.readouterr().out
+    assert "(1, 1829, 3)" in capsys.readouterr().out
 
 
 @pytest.mark.long
