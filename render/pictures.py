@@ -178,7 +178,8 @@ def write_png(path: Path | str, image: np.ndarray) -> None:
     path = Path(path)
     if path.suffix != ".png":
         raise InputError(f"{path}: pictures are written as .png")
-    encoded = cv2.imencode(".png", np.ascontiguousarray(to_uint8(image)[..., ::-1]))[1]
+    pixels = np.ascontiguousarray(to_uint8(image)[..., ::-1])
+    encoded = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
     with written_whole(path) as temporary:
         temporary.write_bytes(encoded.tobytes())
 

@@ -161,7 +161,7 @@ def example(folder: Path, *, quick: bool) -> dict[str, list[float]]:
     """Everything; returns what was measured, by run."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "trust.yaml").write_text(TRUST)
-    truth = other_program(folder, 64 if quick else 256, slice(10, 11) if quick else FRAMES)
+    truth = other_program(folder, 128 if quick else 256, slice(10, 11) if quick else FRAMES)
     results = {name: fused(folder, number, options) for number, (name, options) in enumerate(RUNS.items())}
     found = {name: measured(vertices, truth) for name, vertices in results.items()}
     write_png(folder / "example.png", picture(folder, results, truth))

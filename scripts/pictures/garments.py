@@ -38,8 +38,8 @@ SHAPES = {
 GARMENTS: tuple[type[MadeConfig], ...] = (TShirtConfig, DressConfig, TrousersConfig, SkirtConfig)
 VIEWS = (("front", 0.0), ("left", 0.0), ("back", 0.0))
 SIZE = (300, 190)  # pixels, height and width of one picture
-MOTION, SEED, TEMPO, SECONDS = "random", 401, 0.7, 3.0
-FRAMES = (20, 53, 85)
+MOTION, SEED, TEMPO, SECONDS = "kick", 107, 1.2, 2.0
+FRAMES = (25, 42, 52)
 
 
 def rest_sheet(garments: dict[tuple[str, str], Garment]) -> np.ndarray:
