@@ -307,7 +307,9 @@ def test_a_garment_in_other_axes_than_the_body(body: Mesh, shirt: Mesh, tmp_path
     assert finding.severe
     assert "its axes are other ones than the body's: add --garment-up=z --garment-facing=-y" in finding.text
     write_obj(tmp_path / "vest.obj", lying.vertices, lying.faces)
-    with pytest.raises(InputError, match=r"add `up: z` `facing: -y` \(`anyway: true` goes on all the same\)$"):
+    with pytest.raises(
+        InputError, match=r"add `up: z` `facing: -y` \(`anyway: true` goes on all the same\)$"
+    ):
         load_template(tmp_path / "vest.obj", body)
     garment, notes = load_template(tmp_path / "vest.obj", body, axes=Axes("z", "-y"))
     np.testing.assert_allclose(garment.vertices, shirt.vertices, atol=1e-6)
