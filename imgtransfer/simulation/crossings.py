@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.warp_start import warp_module
 from render.mesh import Mesh
 
 
@@ -15,11 +16,9 @@ def crossings(mesh: Mesh, vertices: np.ndarray) -> np.ndarray:
     Args:
         mesh: gives edges and faces. vertices: (T, N, 3) metres.
     """
-    import warp  # noqa: PLC0415 (heavy)
-
     from imgtransfer.simulation.contact_kernels import find_crossings  # noqa: PLC0415 (heavy)
 
-    device = "cpu"
+    warp, device = warp_module(), "cpu"
     faces = mesh.faces.astype(np.int32)
     points = warp.zeros(len(mesh.vertices), dtype=warp.vec3, device=device)
     corners: Any = warp.array(faces, dtype=warp.vec3i, device=device)

@@ -9,6 +9,8 @@ A T-shirt of about 1,830 vertices (`detail: small`) on the Anny body, in motions
   *_ms                     of a frame of `substeps`: the body's skin; its transfer to Warp and refit; the parts of a
                            step (start, contacts, descent)
   ratio_newton_to_ours     time of Newton's SolverVBD over ours, same model, substeps and iterations
+  ratio_self_contact_to_without      ours with contact of the cloth with itself over ours without
+  ratio_newton_to_ours_self_contact  SolverVBD over ours, both with it
   difference_mm            median distance of a vertex between the two after these frames; contact multiplies rounding
 """
 
