@@ -88,6 +88,8 @@ class GateConfig(_Section):
 
     median_stretch: float = Field(0.08, ge=0)  # |median of edge length / rest length - 1|
     p99_stretch: float = Field(1.6, ge=0)  # 99th percentile of edge length / rest length
+    # The same of a single frame: more where a limb has gone through the cloth, or limbs have crushed it between them.
+    worst_p99_stretch: float = Field(2.0, ge=0)
     sunk_percent: float = Field(6.0, ge=0)  # vertices inside the body before they are pushed out, on average
     penetration_percent: float = Field(0.5, ge=0)  # vertices still inside the body afterwards, frames' mean
     speed: float = Field(4.0, ge=0)  # m/s by which a vertex may be faster than the fastest point of the body

@@ -25,6 +25,7 @@ class Quality:
 
     median_stretch: float
     p99_stretch: float
+    worst_p99_stretch: float  # of the frame where it is largest
     sunk_percent: float
     deepest: float
     penetration_percent: float
@@ -87,6 +88,7 @@ def measure(
     return Quality(
         median_stretch=float(np.abs(np.median(stretch, axis=1) - 1).max()),
         p99_stretch=float(np.percentile(stretch, 99)),
+        worst_p99_stretch=float(np.percentile(stretch, 99, axis=1).max()),
         sunk_percent=float(100 * (before < 0).mean()),
         deepest=float(max(0.0, -before.min())),
         penetration_percent=float(100 * (after < 0).mean()),

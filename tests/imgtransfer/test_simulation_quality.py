@@ -44,6 +44,15 @@ def test_a_doubled_sheet_is_stretched_twofold():
     ]
 
 
+def test_one_torn_frame_of_many_fails_though_the_clip_as_a_whole_does_not():
+    frames = np.stack([SHEET.vertices] * 199 + [3 * SHEET.vertices])
+    quality = quality_of(frames)
+    assert quality.p99_stretch == pytest.approx(1)
+    assert quality.worst_p99_stretch == pytest.approx(3)
+    wrong = faults(quality, GateConfig(speed=1e9, median_stretch=1e9))
+    assert [fault.split()[0] for fault in wrong] == ["worst_p99_stretch"]
+
+
 def test_speed_is_measured_against_the_body():
     away = SHEET.vertices + np.array([0.5, 0, 0])
     still = quality_of([SHEET.vertices, away])
