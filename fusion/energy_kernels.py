@@ -18,7 +18,6 @@ import warp as wp
 # Rows of the energies' table of edges, one value an edge.
 EDGE, CONSISTENCY = 0, 1
 
-
 _defining = Lock()
 
 

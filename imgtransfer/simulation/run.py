@@ -33,8 +33,8 @@ def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tupl
     motion's doing and not the fall from the pattern. The cloth's own rest shape is the pattern.
 
     Every frame is cut into substeps by how far the body moves in it. A clip that fails a gate is simulated again with
-    twice the substeps. Vertices left inside the body are pushed out to
-    1 mm in front of it; positions are rounded to the 2⁻¹⁶ m grid, so that data sets store them compactly and exactly.
+    twice the substeps. Vertices left inside the body are pushed out to 1 mm in front of it; positions are rounded to
+    the 2⁻¹⁶ m grid, so that data sets store them compactly and exactly.
 
     Raises:
         Rejected: the second attempt failed, too.
