@@ -25,13 +25,11 @@ class MovingMesh:
         vertices: (T, N, 3) float32.
         mesh: the first frame, or the mesh that goes with a point cache; with its surface.
         fps: where the file tells, else None.
-        source: the file or folder.
     """
 
     vertices: np.ndarray
     mesh: Mesh
     fps: float | None
-    source: Path
 
 
 def read_moving_mesh(
@@ -64,7 +62,7 @@ def read_moving_mesh(
         vertices[frame] = moved
         if progress is not None:
             progress(1)
-    return MovingMesh(vertices, first, None, source)
+    return MovingMesh(vertices, first, None)
 
 
 def _vertices_and_rest(file: Path) -> tuple[np.ndarray | None, str]:
@@ -96,7 +94,7 @@ def _from_cache(source: Path, topology: Mesh | None) -> MovingMesh:
             f"{source}: {cache.vertices.shape[1]} points a frame, but {topology.source} has "
             f"{len(topology.vertices)} vertices; they must be the same mesh"
         )
-    return MovingMesh(cache.vertices, topology, cache.fps, source)
+    return MovingMesh(cache.vertices, topology, cache.fps)
 
 
 def _check_same(first: Mesh, mesh: Mesh, file: Path, frame: int) -> None:

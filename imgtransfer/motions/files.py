@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from imgtransfer.motions.amass import UpAxis, load_amass
@@ -26,21 +25,3 @@ def load_motion(path: str | Path, *, fps: float = 30.0, up_axis: UpAxis = "auto"
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: a motion file is wanted, {' or '.join(SUFFIXES)}")
     return load_bvh(path, fps=fps) if suffix == ".bvh" else load_amass(path, fps=fps, up_axis=up_axis)
-
-
-def motion_files(paths: Sequence[Path]) -> Iterator[Path]:
-    """The files given, and those in the folders given, by name.
-
-    Raises:
-        InputError: a folder without motion files.
-    """
-    for path in paths:
-        if not path.is_dir():
-            yield path
-            continue
-        found = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
-        if not found:
-            raise InputError(
-                f"{path}: no motion file in this folder; npz in the style of AMASS, or BVH, are wanted"
-            )
-        yield from found

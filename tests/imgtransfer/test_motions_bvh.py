@@ -6,8 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import JOINTS, PARENTS, global_rotations, segment_direction
 from imgtransfer.motions.bvh import LEG_LENGTH, load_bvh
-from imgtransfer.motions.files import load_motion, motion_files
+from imgtransfer.motions.files import load_motion
 from imgtransfer.motions.library import make_motion
+from imgtransfer.simulation.sources import sorted_sources
 from render import InputError
 
 MIXAMO = {
@@ -174,7 +175,7 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"\.npz or \.bvh"):
         load_motion(tmp_path / "a.fbx")
     with pytest.raises(InputError, match="no motion file in this folder"):
-        list(motion_files([tmp_path]))
+        sorted_sources([tmp_path])
     with pytest.raises(InputError, match="no such file"):
         load_bvh(tmp_path / "none.bvh")
     (tmp_path / "binary.bvh").write_bytes(b"\xff\xfe\x00HIERARCHY")
