@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from render.errors import InputError
 
 
 @contextmanager
@@ -49,3 +52,17 @@ def written_whole_folder(target: Path) -> Iterator[Path]:
             temporary.rename(target)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def check_regular(path: Path, what: str) -> None:
+    """Raise InputError unless `path` is a regular file (a pipe or a device would be waited for); `what` is wanted."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        if isinstance(error, PermissionError):
+            raise InputError(f"{path}: may not be read; {what} is wanted") from error
+        raise InputError(f"{path}: no such file; {what} is wanted") from error
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{path}: is a folder; {what} is wanted")
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path}: is a pipe or a device, no regular file; {what} is wanted")
