@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from imgtransfer.training.checkpoint import MODEL_FILE
 from imgtransfer.training.config import RunConfig, load_config, to_yaml
+from imgtransfer.training.remaining import Remaining, say_remaining
 from imgtransfer.training.trainer import Trainer
 from render import InputError
 from render.files import written_whole
@@ -23,7 +24,9 @@ from render.files import written_whole
 CONFIG_FILE, LOG_FILE = "config.yaml", "log.jsonl"
 
 
-def train(config: RunConfig, out: Path, *, resume: bool = False) -> Path:
+def train(
+    config: RunConfig, out: Path, *, resume: bool = False, tell: Callable[[float], None] = say_remaining
+) -> Path:
     """Train to the end and write the results.
 
     Args:
@@ -31,6 +34,7 @@ def train(config: RunConfig, out: Path, *, resume: bool = False) -> Path:
         out: folder for config.yaml, log.jsonl (a line a step and a validation), model.safetensors,
             state.safetensors.
         resume: go on with the run in `out`.
+        tell: called once with the seconds that are left, after the first steps.
 
     Returns:
         The model's file.
@@ -51,8 +55,11 @@ def train(config: RunConfig, out: Path, *, resume: bool = False) -> Path:
     with bar, _log(out / LOG_FILE, trainer.step) as write, _interrupts() as interrupted:
         if trainer.step == 0:
             write({"step": 0, "seconds": 0.0, **trainer.validate()})
+        remaining = Remaining(options.steps - trainer.step, tell)
         while trainer.step < options.steps and not interrupted.is_set():
             entry: dict[str, Any] = trainer.train_step()
+            with bar.external_write_mode(file=sys.stderr):
+                remaining.step()
             last = trainer.step == options.steps
             if last or trainer.step % options.validate_every_steps == 0:
                 measured = trainer.validate()
