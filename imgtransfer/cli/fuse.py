@@ -105,13 +105,16 @@ def _add_single(group: argparse._ArgumentGroup) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Fuse one map file, or every clip of a prediction."""
-    from fusion.config import FusionConfig, load_config  # noqa: PLC0415
+    from fusion.config import FusionConfig  # noqa: PLC0415
+    from imgtransfer.config import load_config  # noqa: PLC0415
     from imgtransfer.fusing import Ways  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
 
     _check_form(args)
     _check_device(args.device)
-    config = load_config(args.config) if args.config else FusionConfig()
+    config = load_config(
+        FusionConfig, args.config, wanted="YAML with the fusion's hyper-parameters that differ"
+    )
     if args.solver:
         config = FusionConfig.model_validate(config.model_dump() | {"solver": args.solver})
     ways = Ways(config=config, positions_only=args.positions_only, erode=args.erode)
