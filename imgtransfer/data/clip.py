@@ -10,6 +10,7 @@ import numpy as np
 
 from render import InputError, Mesh
 from render.files import written_whole
+from render.limits import ANGLES, FARTHEST, check_rate
 from render.mesh import check_faces, check_finite
 from render.surface import Surface
 
@@ -27,6 +28,9 @@ SURFACE = ("original_faces", "original_vertices", "uvs", "uv_faces", "face_mater
 FLOATS = tuple(
     name for name in (*REQUIRED, *SKINNING) if name not in ("garment_faces", "body_faces", "fps", "parents")
 )
+
+
+_LIMITS = {"poses": (ANGLES, "rad"), "blend_weights": (10.0, "")}  # those that are no positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +89,8 @@ class Clip:
         check_faces(self.body_faces, len(self.body_rest), f"{self.name}: body_faces")
         for key in FLOATS:
             if getattr(self, key) is not None:
-                check_finite(getattr(self, key), f"{self.name}: {key}")
+                limit, unit = _LIMITS.get(key, (FARTHEST, "m"))
+                check_finite(getattr(self, key), f"{self.name}: {key}", limit=limit, unit=unit)
         if self.parents is not None and (self.parents.dtype.kind not in "iu" or (self.parents < -1).any()):
             raise InputError(f"{self.name}: parents must be indices of joints, -1 for the root")
         if (self.original_faces is None) != (self.original_vertices is None):
@@ -95,8 +100,14 @@ class Clip:
             used = surface.vertices
             if len(used) and not 0 <= used.min() <= used.max() < len(self.template_vertices):
                 raise InputError(f"{self.name}: original_vertices must be indices of the template's vertices")
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise InputError(f"{self.name}: fps is {self.fps}; a positive number of frames a second expected")
+        if self.joint_transforms is not None:
+            bad = np.argwhere(~(np.linalg.det(self.joint_transforms[..., :3].astype(np.float64)) > 0))
+            if len(bad):
+                raise InputError(
+                    f"{self.name}: joint_transforms: that of frame {bad[0][0]}, joint {bad[0][1]} mirrors or flattens "
+                    "the body; a rotation is wanted in its first three columns"
+                )
+        check_rate(self.fps, self.name)
 
     def _check_shapes(self) -> None:
         frames = len(self.body_vertices)

@@ -18,6 +18,7 @@ import numpy as np
 
 from imgtransfer.importers.files import check_data_file
 from render import InputError
+from render.limits import FARTHEST_IN_FILES
 from render.mesh import check_finite
 
 SUFFIXES = (".pc2", ".pc16", ".mdd")
@@ -53,7 +54,7 @@ def read_cache(path: Path) -> PointCache:
     check_data_file(path, f"a point cache ({suffix})")
     content = path.read_bytes()
     cache = _read_mdd(path, content) if suffix == ".mdd" else _read_pc2(path, content, half=suffix == ".pc16")
-    check_finite(cache.vertices, str(path))
+    check_finite(cache.vertices, str(path), limit=FARTHEST_IN_FILES, unit="")  # in the file's unit
     return cache
 
 

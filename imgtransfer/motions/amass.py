@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -11,13 +10,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import JOINTS
-from imgtransfer.motions.motion import Motion, resample
+from imgtransfer.motions.motion import Motion, of_file, resample
 from render import InputError
+from render.npz import open_npz
 
 BODY_COLUMNS = 3 * len(JOINTS)
 
 
 UpAxis = Literal["auto", "y", "z"]
+_SHORTEST, _LONGEST = 0.01, 100.0  # metres of a leg; dolls and giants included
 _CLEAR = 0.5  # cosine from which on a trunk is upright along an axis, on average over the frames
 
 
@@ -36,16 +37,9 @@ def load_amass(path: str | Path, *, fps: float = 30.0, up_axis: UpAxis = "auto")
             does not show which way is up.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; an AMASS-style npz with poses, trans and mocap_framerate is wanted"
-        )
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            wanted = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "leg_length")
-            arrays = {key: stored[key] for key in wanted if key in stored.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
+    with open_npz(path, "an AMASS-style npz with poses, trans and mocap_framerate") as stored:
+        wanted = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "leg_length")
+        arrays = {key: stored.read(key) for key in wanted if key in stored}
     if "mocap_frame_rate" in arrays:  # the spelling of SMPL-X releases
         arrays.setdefault("mocap_framerate", arrays.pop("mocap_frame_rate"))
     missing = [key for key in ("poses", "trans", "mocap_framerate") if key not in arrays]
@@ -62,18 +56,21 @@ def load_amass(path: str | Path, *, fps: float = 30.0, up_axis: UpAxis = "auto")
     if arrays["mocap_framerate"].size != 1:
         raise InputError(f"{path}: mocap_framerate must be one number")
     leg = arrays.get("leg_length")
-    if leg is not None and (leg.size != 1 or not float(leg.reshape(())) > 0):
-        raise InputError(f"{path}: leg_length must be one positive number of metres, found {leg}")
-    motion = Motion(
-        poses[:, :BODY_COLUMNS].astype(np.float64).reshape(len(poses), len(JOINTS), 3),
-        trans.astype(np.float64),
-        float(arrays["mocap_framerate"].reshape(())),
-        path.stem,
-        None if leg is None else float(leg.reshape(())),
-    )
-    if up_axis == "z" or (up_axis == "auto" and _stands_along_z(motion, path)):
-        motion = _turned_up(motion)
-    return resample(motion, fps)
+    if leg is not None and (leg.size != 1 or not _SHORTEST <= float(leg.reshape(())) <= _LONGEST):
+        raise InputError(
+            f"{path}: leg_length must be one number of metres from {_SHORTEST} to {_LONGEST:g}, found {leg}"
+        )
+    with of_file(path):
+        motion = Motion(
+            poses[:, :BODY_COLUMNS].astype(np.float64).reshape(len(poses), len(JOINTS), 3),
+            trans.astype(np.float64),
+            float(arrays["mocap_framerate"].reshape(())),
+            path.stem,
+            None if leg is None else float(leg.reshape(())),
+        )
+        if up_axis == "z" or (up_axis == "auto" and _stands_along_z(motion, path)):
+            motion = _turned_up(motion)
+        return resample(motion, fps)
 
 
 def _stands_along_z(motion: Motion, path: Path) -> bool:

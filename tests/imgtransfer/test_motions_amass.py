@@ -42,7 +42,20 @@ def test_the_leg_length_is_optional_and_the_other_rate_name_is_read(tmp_path):
     ({"poses": np.zeros((61, 60))}, r"poses must have shape \(T, 66 or more\)"),
     ({"trans": np.zeros((60, 3))}, "trans must have shape"),
     ({"trans": np.full((61, 3), np.inf)}, "not finite"),
-    ({"mocap_framerate": np.float64(0)}, "frame rate is 0"),
+    ({"mocap_framerate": np.float64(0)}, "fps is 0"),
+    ({"mocap_framerate": np.float64(np.nan)}, "fps is nan"),
+    ({"mocap_framerate": np.float64(np.inf)}, "fps is inf"),
+    ({"mocap_framerate": np.float64(-30)}, "fps is -30"),
+    ({"mocap_framerate": np.float64(1e-300)}, "fps is 1e-300"),
+    ({"mocap_framerate": np.float64(0.01), "poses": np.zeros((99, 66)), "trans": np.zeros((99, 3))},
+     "is the frame rate right"),
+    ({"mocap_framerate": np.zeros(2)}, "must be one number"),
+    ({"mocap_framerate": np.array("fast")}, "must hold numbers"),
+    ({"poses": np.float64(1)}, r"poses must have shape .* found \(\)"),
+    ({"poses": np.full((61, 66), 1e300)}, "beyond ±1000 rad"),
+    ({"trans": np.full((61, 3), 1e300)}, r"beyond ±10000 m"),
+    ({"leg_length": np.float64(np.inf)}, "leg_length"),
+    ({"leg_length": np.float64(1e-300)}, "leg_length"),
     ({"leg_length": np.float64(-1)}, "leg_length"),
     ({"poses": np.array([["x"] * 66] * 61)}, "must hold numbers"),
 ])  # fmt: skip
@@ -60,7 +73,7 @@ def test_missing_and_foreign_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="not a readable npz"):
         load_amass(tmp_path / "text.npz")
     np.savez(tmp_path / "pickle.npz", poses=np.array([{}], dtype=object), trans=0, mocap_framerate=30)
-    with pytest.raises(InputError, match="not a readable npz"):
+    with pytest.raises(InputError, match="poses is not a readable plain array"):
         load_amass(tmp_path / "pickle.npz")
 
 
