@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from imgtransfer import config
 from imgtransfer.network.config import MapsConfig, NetworkConfig
-from render import InputError
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class ClipChoice(_Section):
@@ -90,49 +90,18 @@ def load_config(path: str | Path, changes: Sequence[str] = ()) -> RunConfig:
         changes: "section.key=value" each, the value as YAML; they replace or add what the file says.
 
     Raises:
-        InputError: no such file, not YAML, an unknown key, a value out of its range, or a change without "=".
+        InputError: no such file, not YAML, an unknown key, a value out of its range, or a change that fits nowhere.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; the YAML of a training run is wanted, such as configs/demo.yaml"
-        )
-    try:
-        content = yaml.safe_load(path.read_text())
-        for change in changes:
-            _apply(content, change)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
-    return parse_config(content, str(path))
+    return config.load_config(
+        RunConfig, path, changes, wanted="the YAML of a training run, such as configs/demo.yaml,"
+    )
 
 
 def parse_config(content: Any, source: str) -> RunConfig:
     """Check the parsed content of a run's YAML; `source` is what the InputError calls it."""
-    try:
-        return RunConfig.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        found = f", found {first['input']!r}" if first["type"] not in ("missing", "value_error") else ""
-        raise InputError(
-            f"{source}: {where}: {first['msg']}{found} ({error.error_count()} faults)"
-        ) from error
+    return config.checked(RunConfig, content, source)
 
 
-def to_yaml(config: RunConfig) -> str:
+def to_yaml(run: RunConfig) -> str:
     """All values, the defaults too, as YAML that `load_config` reads back."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
-
-
-def _apply(content: Any, change: str) -> None:
-    key, equals, value = change.partition("=")
-    if not equals:
-        raise InputError(f"--set {change}: section.key=value is wanted, such as training.steps=100")
-    *sections, last = key.strip().split(".")
-    for name in sections:
-        if not isinstance(content, dict):
-            break
-        content = content.setdefault(name, {})
-    if not isinstance(content, dict):
-        raise InputError(f"--set {change}: {key} leads through something that is not a section")
-    content[last] = yaml.safe_load(value)
+    return yaml.safe_dump(run.model_dump(mode="json"), sort_keys=False)
