@@ -1,8 +1,7 @@
-"""What `scripts/demo` runs: the whole method on the sample data, from training to the report."""
+"""What `scripts/demo` does: the whole method on the sample data, from training to the report."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import sys
@@ -15,18 +14,16 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from imgtransfer.cli.main import exit_status
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import open_clips
 from imgtransfer.deform import Deformation, deform
 from imgtransfer.evaluation.metrics import evaluate_clip, mean_over_frames
 from imgtransfer.evaluation.skinning import lbs_baseline
-from imgtransfer.evaluation.table import metrics_table
 from imgtransfer.report import demo_pictures
 from imgtransfer.report.glb import animated_glb
 from imgtransfer.report.html import Section, write_report
 from imgtransfer.training.checkpoint import load_model
-from imgtransfer.training.config import RunConfig, load_config
+from imgtransfer.training.config import RunConfig, difference, load_config
 from imgtransfer.training.loop import CONFIG_FILE, LOG_FILE, train
 from render import InputError, write_png
 from render.files import written_whole
@@ -111,7 +108,7 @@ def run_demo(out: Path, config: RunConfig, pretrained: Path) -> dict[str, dict[s
 
 def _trained(folder: Path, config: RunConfig) -> Path:
     """The model of a run in `folder`: new, gone on with, or finished before. A run of other settings is replaced."""
-    if (folder / CONFIG_FILE).exists() and load_config(folder / CONFIG_FILE) != config:
+    if (folder / CONFIG_FILE).exists() and difference(load_config(folder / CONFIG_FILE), config):
         print(f"The run in {folder} had other settings; starting a new one", file=sys.stderr)
         shutil.rmtree(folder)
     if folder.exists() and not (folder / "state.safetensors").exists():
@@ -165,25 +162,3 @@ def _step(title: str) -> Iterator[None]:
     started = time.monotonic()
     yield
     print(f"{title}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
-
-
-def main() -> int:
-    """Entry point of `scripts/demo`. Exit status as for `imgtransfer`."""
-    parser = argparse.ArgumentParser(prog="scripts/demo", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
-    out = parser.parse_args().out
-
-    def demo() -> None:
-        config = load_config(DEMO_CONFIG, [f"data.source={json.dumps(str(SAMPLE_DATA))}"])
-        metrics = run_demo(out, config, PRETRAINED)
-        print(f"\n{metrics_table(metrics, first='method')}\n")
-        animations, pictures = sorted(out.glob("*.glb")), sorted(out.glob("*.png"))
-        files = [out / name for name in ("report.html", "metrics.json", "metrics_by_clip.json")]
-        for path in [*files, *animations, out / "run", *pictures]:
-            print(path)
-
-    return exit_status(demo, program="demo", stopped="stopped; the same command goes on with the training")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
