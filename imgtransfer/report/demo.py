@@ -1,10 +1,9 @@
-"""What `scripts/demo` runs: the whole method on the sample data. The shipped checkpoint's results come first, within a
+"""What `scripts/demo` does: the whole method on the sample data. The shipped checkpoint's results come first, within a
 minute; then a training of the user's own completes them.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -14,11 +13,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from imgtransfer.cli.main import exit_status
 from imgtransfer.data.source import open_clips
 from imgtransfer.deform import deform
 from imgtransfer.evaluation.skinning import lbs_baseline
-from imgtransfer.evaluation.table import metrics_table
 from imgtransfer.network import TransferModel
 from imgtransfer.report import demo_pictures
 from imgtransfer.report.demo_case import METHODS, PRETRAINED, TRAINED, Case, Metrics, measured
@@ -26,7 +23,7 @@ from imgtransfer.report.demo_training import Length, trained
 from imgtransfer.report.glb import animated_glb
 from imgtransfer.report.html import Section, write_report
 from imgtransfer.training.checkpoint import load_model
-from imgtransfer.training.config import RunConfig, load_config
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import LOG_FILE
 from render import write_png
 from render.files import written_whole
@@ -121,30 +118,3 @@ def _step(title: str) -> Iterator[None]:
     started = time.monotonic()
     yield
     print(f"{title}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
-
-
-def main() -> int:
-    """Entry point of `scripts/demo`. Exit status as for `imgtransfer`."""
-    parser = argparse.ArgumentParser(prog="scripts/demo", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
-    parser.add_argument(
-        "--steps", type=int, help="train for so many steps; default those of configs/demo.yaml"
-    )
-    parser.add_argument("--minutes", type=float, help="train for about so many minutes")
-    args = parser.parse_args()
-
-    def demo() -> None:
-        length = Length(steps=args.steps, minutes=args.minutes)
-        config = load_config(DEMO_CONFIG, [f"data.source={json.dumps(str(SAMPLE_DATA))}"])
-        metrics = run_demo(args.out, config, CHECKPOINT, length)
-        print(f"\n{metrics_table(metrics, first='method')}\n")
-        animations, pictures = sorted(args.out.glob("*.glb")), sorted(args.out.glob("*.png"))
-        files = [args.out / name for name in ("report.html", "metrics.json", "metrics_by_clip.json")]
-        for path in [*files, *animations, args.out / "run", *pictures]:
-            print(path)
-
-    return exit_status(demo, program="demo", stopped="stopped; the same command goes on with the training")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

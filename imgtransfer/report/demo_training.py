@@ -9,7 +9,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from imgtransfer.training.config import RunConfig, load_config
+from imgtransfer.training.config import RunConfig, difference, load_config
 from imgtransfer.training.loop import CONFIG_FILE, train
 from imgtransfer.training.remaining import duration, say_remaining
 from imgtransfer.training.trainer import Trainer
@@ -52,7 +52,7 @@ def trained(out: Path, config: RunConfig, length: Length) -> Path:
     """
     folder = out / "run"
     config = _with_length(out, config, length)
-    if (folder / CONFIG_FILE).exists() and load_config(folder / CONFIG_FILE) != config:
+    if (folder / CONFIG_FILE).exists() and difference(load_config(folder / CONFIG_FILE), config):
         print(f"The run in {folder} had other settings; starting a new one", file=sys.stderr)
         shutil.rmtree(folder)
     if folder.exists() and not (folder / "state.safetensors").exists():

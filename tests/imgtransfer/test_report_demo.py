@@ -12,7 +12,8 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.deform import deform
 from imgtransfer.evaluation.metrics import METRICS, evaluate_clip
-from imgtransfer.report.demo import CHECKPOINT, DEMO_CONFIG, SAMPLE_DATA, main, run_demo
+from imgtransfer.report.__main__ import main
+from imgtransfer.report.demo import CHECKPOINT, DEMO_CONFIG, SAMPLE_DATA, run_demo
 from imgtransfer.report.demo_case import METHODS
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import RunConfig, load_config, parse_config
