@@ -15,8 +15,8 @@ from pathlib import Path
 
 from bad_inputs.case import Case
 
-# Of work on a case, or of waiting for nothing; and of work on a process's first one, which imports and compiles. Waiting
-# for a processor that others have is neither.
+# Of work on a case, or of waiting for nothing; and of work on a process's first one, which imports and compiles.
+# Waiting for a processor that others have is neither.
 SECONDS, FIRST_SECONDS = 20.0, 90.0
 _STILL = 10.0  # seconds without work after which a process is taken to wait
 MEMORY = 2 * 2**30  # bytes

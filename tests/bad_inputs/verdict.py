@@ -24,9 +24,9 @@ def faults(case: Case, answer: Answer) -> list[str]:
     """What is wrong with the answer, each in a line; nothing if it is as it must be."""
     found = []
     if answer.status is None:
-        found.append(answer.err.rstrip().splitlines()[-1])
+        found.append(f"{answer.err.rstrip().splitlines()[-1]} {_place(answer.err)}")
     if "Traceback (most recent call last)" in answer.err + answer.out:
-        found.append("traceback: " + answer.err.rstrip().splitlines()[-1][:300])
+        found.append(f"traceback: {answer.err.rstrip().splitlines()[-1][:300]} {_place(answer.err)}")
     elif answer.status not in (None, 0, 2):
         found.append(f"exit status {answer.status}")
     if answer.peak > MEMORY:
@@ -40,6 +40,13 @@ def faults(case: Case, answer: Answer) -> list[str]:
     if _CONTROL.search(answer.out) or _CONTROL.search(answer.err.replace("\r", "")):
         found.append("control codes reach the terminal")
     return found + _left_faults(case, answer)
+
+
+def _place(err: str) -> str:
+    """Where in the project a traceback, or the dump of a process that hung, was last."""
+    frames = re.findall(r'File "[^"]*?/((?:imgtransfer|fusion|render)/[\w/]+\.py)", line (\d+)', err)
+    hung = "ended: " in err  # such a dump begins with the innermost frame
+    return "at {}:{}".format(*frames[0 if hung else -1]) if frames else ""
 
 
 def _message_faults(case: Case, err: str) -> list[str]:
