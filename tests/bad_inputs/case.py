@@ -37,6 +37,7 @@ class Reading:
         needs: what else it reads, but for what `argv` names.
         writes: what it may change.
         named: what the message may name in place of the file's own name or of its folder in `argv`.
+        optional: the command can do without the file.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Reading:
     needs: tuple[str, ...] = ()
     writes: tuple[str, ...] = ("out",)
     named: tuple[str, ...] = ()
+    optional: bool = False
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def case_of(reading: Reading, fault: Fault, number: int = 0) -> Case:
         needs=(reading.file.split("/")[0], *reading.needs),
         writes=reading.writes,
         named=(*own, *reading.named) or (reading.file,),
-        harmless=fault.harmless,
+        harmless=fault.harmless or reading.optional,
         file=reading.file,
         spoil=fault.spoil,
     )

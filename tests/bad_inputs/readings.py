@@ -8,7 +8,7 @@ _OUT = "--out out"
 _SMPL = "--smpl smpl --to out"
 _CLIP = "clip.npz"
 # Not simulated: all files are read before the clips are chosen, so that this is how good ones end, too.
-_NONE = "--clip none/none --out out"
+_NONE = "--clip none/none --out"
 
 CLIPS = (
     Reading("export-npz", "export clip.npz --out out/a.npz", _CLIP),
@@ -35,21 +35,29 @@ MAPS = (
     Reading("inspect", "inspect maps.npz", "maps.npz", writes=()),
     Reading("fuse-adam", f"fuse --maps maps.npz --solver adam --config fusion.yaml {_OUT}", "maps.npz"),
 )
-EXR = Reading("fuse", f"fuse --maps exr --config fusion.yaml {_OUT}", "exr/00001.1.exr")
+EXR = Reading("fuse", f"fuse --maps exr --config fusion.yaml {_OUT}", "exr/00000.0.exr")
 OTHER_NPZ = (
     Reading("fuse-body", f"fuse --maps maps.npz --body body.npz --config fusion.yaml {_OUT}", "body.npz"),
     Reading(
         "fuse-initial", f"fuse --maps maps.npz --initial start.npz --config fusion.yaml {_OUT}", "start.npz"
     ),
     Reading("fuse-under", f"fuse --maps maps.npz --under start.npz --config fusion.yaml {_OUT}", "start.npz"),
-    Reading("fuse-pins", f"fuse --maps maps.npz --pins pins.npz --config fusion.yaml {_OUT}", "pins.npz"),
+    Reading(
+        "fuse-pins",
+        f"fuse --maps maps.npz --pins pins.npz --config fusion.yaml {_OUT}",
+        "pins.npz",
+        named=("--pins",),
+    ),
     Reading(
         "fuse-predictions", "fuse p --config fusion.yaml", "p/clip/position_only.npz", writes=("p/clip",)
     ),
     Reading("evaluate", "evaluate done --truth clip.npz", "done/clip/fused.npz", writes=()),
     Reading("evaluate", "evaluate p --truth clip.npz", "p/clip/position_only.npz", writes=()),
     Reading(
-        "simulate", f"simulate simulation.yaml motion.npz {_NONE}", "motion.npz", named=("--clip none/none",)
+        "simulate",
+        f"simulate simulation.yaml motion.npz {_NONE} out",
+        "motion.npz",
+        named=("--clip none/none",),
     ),
 )
 _SET = "set/tube/train/"
@@ -78,9 +86,9 @@ SET_CLIP = _of_set(f"{_SET}zarr.json")
 SET_ARRAY = _of_set(f"{_SET}body_vertices/zarr.json")
 SET_CHUNK = _of_set(f"{_SET}garment_vertices/c/0/0/0")
 SET_REJECTED = (
-    Reading("inspect", "inspect set", "set/rejected/tube__worse.json", writes=()),
-    Reading("simulate", f"simulate simulation.yaml {_NONE.replace('out', 'set')}", "set/rejected/tube__worse.json",
-            writes=("set",), named=("--clip none/none",)),
+    Reading("inspect", "inspect set", "set/rejected/tube__worse.json", writes=(), optional=True),
+    Reading("simulate", f"simulate simulation.yaml {_NONE} set", "set/rejected/tube__worse.json",
+            writes=("set",), named=("--clip none/none",), optional=True),
 )  # fmt: skip
 MIGRATE = (
     Reading("migrate", "migrate old", "old/zarr.json", writes=("old",), named=("old/", "old:")),
@@ -96,17 +104,19 @@ MODELS = (
 )
 _RESUME = "train run.yaml --resume --out run"
 RESUME = {
-    file: Reading("resume", _RESUME, f"run/{file}", needs=("set",), writes=("run",))
+    file: Reading("resume", _RESUME, f"run/{file}", ("set",), ("run",), optional=file == "log.jsonl")
     for file in ("state.safetensors", "config.yaml", "log.jsonl")
 }
 YAMLS = (
     Reading("train", f"train run.yaml {_OUT}", "run.yaml", needs=("set",), named=("set",)),
-    Reading("simulate", f"simulate simulation.yaml {_NONE}", "simulation.yaml", named=("--clip none/none",)),
+    Reading(
+        "simulate", f"simulate simulation.yaml {_NONE} out", "simulation.yaml", named=("--clip none/none",)
+    ),
     Reading("fuse", f"fuse --maps maps.npz --config fusion.yaml {_OUT}", "fusion.yaml"),
 )
 MOTION = Reading(
     "simulate",
-    f"simulate motion.bvh {_NONE}",
+    f"simulate motion.bvh {_NONE} out",
     "motion.bvh",
     named=("--clip none/none", "nothing to simulate"),
 )
@@ -121,25 +131,32 @@ MESHES = (
             "frames/garment_0001.obj", ("cloth.mtl", "weave.png")),
 )  # fmt: skip
 BINARY_MESHES = tuple(
-    Reading("fuse-initial", f"fuse --maps maps.npz --initial {file} --config fusion.yaml {_OUT}", file)
+    Reading("fuse-template", f"fuse --maps maps.npz --template {file} --config fusion.yaml {_OUT}", file)
     for file in ("template.ply", "text.ply", "template.glb", "template.stl")
 )
 CACHES = (
     Reading("import-pc2", f"import meshes pc2 {_IMPORT}", "pc2/garment.pc2"),
     Reading("import-mdd", f"import meshes mdd {_IMPORT}", "mdd/body.mdd"),
 )
-MATERIALS = (
-    Reading("import-meshes", f"import meshes walk {_IMPORT}", "walk/cloth.mtl"),
-    Reading("import-meshes", f"import meshes walk {_IMPORT}", "walk/weave.png"),
+MATERIALS = tuple(
+    Reading("import-meshes", f"import meshes walk {_IMPORT}", f"walk/{file}", optional=True)
+    for file in ("cloth.mtl", "weave.png")
 )
-PINS = Reading("fuse-pins", f"fuse --maps maps.npz --pins pins.txt --config fusion.yaml {_OUT}", "pins.txt")
-REPORTS = (
+PINS = Reading(
+    "fuse-pins",
+    f"fuse --maps maps.npz --pins pins.txt --config fusion.yaml {_OUT}",
+    "pins.txt",
+    named=("--pins",),
+)
+REPORTS = tuple(
     Reading(
-        "fuse-predictions", "fuse done --config fusion.yaml", "done/clip/fusion.json", writes=("done/clip",)
-    ),
-    Reading(
-        "fuse-predictions", "fuse done --config fusion.yaml", "done/clip/fused.npz", writes=("done/clip",)
-    ),
+        "fuse-predictions",
+        "fuse done --config fusion.yaml",
+        f"done/clip/{file}",
+        writes=("done/clip",),
+        optional=True,
+    )
+    for file in ("fusion.json", "fused.npz")
 )
 _VTO = f"import vto vto --template vto_rest {_SMPL}"
 PICKLED = (
@@ -185,4 +202,6 @@ PUBLIC_OTHER = (
         "virtualbones/dress02/template.obj",
     ),
 )
-PUBLIC_MAT = Reading("import-cloth3d", f"import cloth3d cloth3d {_SMPL}", "cloth3d/01_01_s0/info.mat")
+PUBLIC_MAT = Reading(
+    "import-cloth3d", f"import cloth3d cloth3d {_SMPL}", "cloth3d/01_01_s0/info.mat", named=("--smpl",)
+)

@@ -20,6 +20,7 @@ from bad_inputs.case import Case
 SECONDS, FIRST_SECONDS = 20.0, 90.0
 _STILL = 10.0  # seconds without work after which a process is taken to wait
 MEMORY = 2 * 2**30  # bytes
+_SHOWN = "always::RuntimeWarning,always::UserWarning"  # each time: a process runs many cases
 _TESTS = Path(__file__).parents[1]
 
 
@@ -111,7 +112,7 @@ class Supervisor:
 
     def _start(self) -> None:
         paths = [str(_TESTS), str(_TESTS / "imgtransfer"), str(_TESTS.parent)]
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONWARNINGS": "default"}
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONWARNINGS": _SHOWN}
         argv = [sys.executable, "-m", "bad_inputs.worker"]
         self._process = subprocess.Popen(
             argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, cwd="/"
