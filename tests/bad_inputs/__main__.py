@@ -31,7 +31,7 @@ def main() -> int:
     args = parser.parse_args()
     chosen = ordinary() if args.ordinary else list(cases())
     if args.names:
-        chosen = [name for name in chosen if any(fnmatch(name, pattern) for pattern in args.names)]
+        chosen = list(dict.fromkeys(name for given in args.names for name in chosen if fnmatch(name, given)))
     first, step = map(int, args.part.split("/"))
     if args.some:
         chosen = random.Random(SEED).sample(chosen, min(args.some, len(chosen)))

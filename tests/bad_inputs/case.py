@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+SECRET = "secret.png"  # outside of the input; what it ends with must not come into an output
 Spoil = Callable[[Path, random.Random], object]
 
 
@@ -85,6 +86,8 @@ def case_of(reading: Reading, fault: Fault, number: int = 0) -> Case:
     own: tuple[str, ...] = () if file.name == "zarr.json" or "/c/" in reading.file else (file.name,)
     if file.name == "clip.npz":
         own += (f"error: {file.stem}: ",)  # a clip goes by its file's name
+    if fault.name in ("missing", "folder"):
+        own += (reading.file.split("/")[0],)
     return Case(
         name=name,
         argv=tuple(reading.argv.split()),

@@ -1,12 +1,13 @@
-"""Folders that are wrong as a whole: names of frames, links in circles."""
+"""Folders that are wrong as a whole: names of frames, links in circles, pictures of other people, titles with codes."""
 
 from __future__ import annotations
 
+import json
 import random
 from collections.abc import Callable
 from pathlib import Path
 
-from bad_inputs.case import Case
+from bad_inputs.case import SECRET, Case
 
 
 def _renamed(names: dict[str, str]) -> Callable[[Path, random.Random], object]:
@@ -30,6 +31,32 @@ def _frames(form: str) -> dict[str, str]:
     return {f"garment_{n:04d}.obj": form.format(day) for n, day in enumerate(days)}
 
 
+def _picture(line: str) -> Callable[[Path, random.Random], object]:
+    """A material library that names an image; {outside} stands for a folder that is nobody's business."""
+
+    def spoil(file: Path, _: random.Random) -> object:
+        outside = file.parents[3]
+        (outside / SECRET).write_bytes((file.parent / "weave.png").read_bytes() + SECRET.encode())
+        return file.write_text("newmtl cloth\n" + line.format(outside=outside) + "\n")
+
+    return spoil
+
+
+def _linked_picture(file: Path, _: random.Random) -> None:
+    outside = file.parents[3]
+    (outside / SECRET).write_bytes(file.read_bytes() + SECRET.encode())
+    file.unlink()
+    file.symlink_to(outside / SECRET)
+
+
+def _titled(file: Path, _: random.Random) -> None:
+    stored = json.loads(file.read_text())
+    stored["attributes"] |= dict.fromkeys(("title", "source", "licence"), "\x1b]0;red\x07\x9b31m")
+    file.write_text(json.dumps(stored))
+
+
+_MESHES = "fuse --maps maps.npz --template walk/template.obj --meshes obj --config fusion.yaml --out out"
+# name: command line, what is spoiled, how, what the message may name
 SPECIAL: dict[str, tuple[str, str, Callable[[Path, random.Random], object], str]] = {
     "import-time-stamps": (
         "import meshes walk --split train --anyway --to out",
@@ -57,6 +84,17 @@ SPECIAL: dict[str, tuple[str, str, Callable[[Path, random.Random], object], str]
     ),
     "import-set-loop": ("import set --split train --to out", "set/tube", _linked("again", "../tube"), "set"),
     "inspect-set-loop": ("inspect set", "set", _linked("again", "."), "set"),
+    "fuse-picture-elsewhere": (
+        _MESHES,
+        "walk/cloth.mtl",
+        _picture(f"map_Kd {{outside}}/{SECRET}"),
+        "cloth.mtl",
+    ),
+    "fuse-picture-above": (_MESHES, "walk/cloth.mtl", _picture(f"map_Kd ../../../{SECRET}"), "cloth.mtl"),
+    "fuse-picture-of-the-system": (_MESHES, "walk/cloth.mtl", _picture("map_Kd /dev/zero"), "cloth.mtl"),
+    "fuse-picture-link": (_MESHES, "walk/weave.png", _linked_picture, "weave.png"),
+    "inspect-title": ("inspect set", "set/zarr.json", _titled, "set"),
+    "inspect-title-page": ("inspect set --html out/page.html", "set/zarr.json", _titled, "set"),
 }
 
 
@@ -68,7 +106,7 @@ def _special(
         tuple(line.split()),
         ("cloth.mtl", "weave.png", file.split("/", maxsplit=1)[0]),
         named=(named,),
-        harmless=name.endswith("loop"),
+        harmless=not name.endswith(("stamps", "digits")),
         file=file,
         spoil=spoil,
     )

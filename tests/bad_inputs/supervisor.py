@@ -72,6 +72,7 @@ class Supervisor:
         folder.mkdir(parents=True)
         for name in _needed(case, self._good):
             _copy(self._good / name, folder / name)
+        case.prepare(folder)
         before = files_in(outer)
         started = time.monotonic()
         status, told = self._ask(case, folder)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bad_inputs.case import Case
+from bad_inputs.case import SECRET, Case
 from bad_inputs.supervisor import MEMORY, Answer
 from imgtransfer.data.store import DataSet
 from render import InputError
@@ -72,7 +72,7 @@ def _left_faults(case: Case, answer: Answer) -> list[str]:
     for path in sorted({*answer.before, *answer.after}):
         if answer.before.get(path) == answer.after.get(path) or path in ("a/out.txt", "a/err.txt"):
             continue
-        if path.startswith(allowed) or f"a/b/{case.file}" == path[: len(f"a/b/{case.file}")]:
+        if path.startswith(allowed):
             if path not in answer.before and any(part.startswith(".") for part in Path(path).parts):
                 found.append(f"left behind: {path}")
         else:
@@ -88,6 +88,8 @@ def _left_faults(case: Case, answer: Answer) -> list[str]:
 
 
 def _content_faults(path: Path) -> list[str]:
+    if path.is_file() and SECRET.encode() in path.read_bytes():
+        return [f"{path.name}: a file from elsewhere was copied"]
     if path.suffix == ".npz":
         with np.load(path) as stored:
             wrong = [

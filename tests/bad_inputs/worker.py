@@ -23,7 +23,6 @@ from imgtransfer.cli.main import main
 
 def run(case: Case, folder: Path) -> dict[str, Any]:
     """Run the case's command in `folder`, where its input is."""
-    case.prepare(folder)
     os.chdir(folder)
     _forget_peak()
     with (folder.parent / "out.txt").open("w+") as out, (folder.parent / "err.txt").open("w+") as err:
