@@ -86,7 +86,7 @@ def case_of(reading: Reading, fault: Fault, number: int = 0) -> Case:
     own: tuple[str, ...] = () if file.name == "zarr.json" or "/c/" in reading.file else (file.name,)
     if file.name == "clip.npz":
         own += (f"error: {file.stem}: ",)  # a clip goes by its file's name
-    if fault.name in ("missing", "folder"):
+    if fault.name in ("missing", "folder", "link-to-itself"):
         own += (reading.file.split("/")[0],)
     return Case(
         name=name,

@@ -35,7 +35,7 @@ MAPS = (
     Reading("inspect", "inspect maps.npz", "maps.npz", writes=()),
     Reading("fuse-adam", f"fuse --maps maps.npz --solver adam --config fusion.yaml {_OUT}", "maps.npz"),
 )
-EXR = Reading("fuse", f"fuse --maps exr --config fusion.yaml {_OUT}", "exr/00000.0.exr")
+EXR = Reading("fuse", f"fuse --maps exr --config fusion.yaml {_OUT}", "exr/00000.0.exr", named=("exr:",))
 OTHER_NPZ = (
     Reading("fuse-body", f"fuse --maps maps.npz --body body.npz --config fusion.yaml {_OUT}", "body.npz"),
     Reading(
@@ -77,7 +77,14 @@ def _of_set(file: str, *, root: bool = False) -> tuple[Reading, ...]:
         ),
         Reading("export", "export set tube/train --out out/a", file, named=named),
         Reading("import", "import set --split train --to out", file, named=named),
-        Reading("import-into", "import clip.npz --split train --to set", file, writes=("set",), named=named),
+        Reading(
+            "import-into",
+            "import clip.npz --split train --to set",
+            file,
+            writes=("set",),
+            named=named,
+            optional=not root,
+        ),
     )
 
 
@@ -104,7 +111,9 @@ MODELS = (
 )
 _RESUME = "train run.yaml --resume --out run"
 RESUME = {
-    file: Reading("resume", _RESUME, f"run/{file}", ("set",), ("run",), optional=file == "log.jsonl")
+    file: Reading(
+        "resume", _RESUME, f"run/{file}", ("set",), ("run",), ("error: run:",), optional=file == "log.jsonl"
+    )
     for file in ("state.safetensors", "config.yaml", "log.jsonl")
 }
 YAMLS = (
@@ -128,7 +137,7 @@ MESHES = (
     Reading("import-meshes", f"import meshes walk {_IMPORT}", "walk/template.obj"),
     Reading("import-meshes", f"import meshes walk {_IMPORT}", "walk/body_rest.obj"),
     Reading("render-meshes", f"render frames --template template.obj --size 24 {_OUT}",
-            "frames/garment_0001.obj", ("cloth.mtl", "weave.png")),
+            "frames/garment_0002.obj", ("cloth.mtl", "weave.png")),
 )  # fmt: skip
 BINARY_MESHES = tuple(
     Reading("fuse-template", f"fuse --maps maps.npz --template {file} --config fusion.yaml {_OUT}", file)
@@ -187,6 +196,7 @@ PUBLIC_NPY = (
         "import-tailornet",
         "import tailornet tailornet --to out",
         "tailornet/pant_female/pose/000_001/unposed_004.npy",
+        named=("poses_004",),
     ),
     Reading(
         "import-tailornet", "import tailornet tailornet --to out", "tailornet/pant_female/shape/beta_000.npy"
