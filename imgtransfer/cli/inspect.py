@@ -67,15 +67,14 @@ def _clips(args: argparse.Namespace) -> None:
     for name, reason in rejected.items():
         print(f"rejected {name}: {reason}")
     refs = chosen_refs(args, args.source)
-    rows, frames, stills = [], 0, []
+    rows, frames, stills, unreadable = [], 0, [], []
     with tqdm(refs, unit="clip", leave=False, delay=2, disable=None) as bar:
         for ref in bar:
             try:
                 clip = ref.load()  # one at a time: all of a large data set would not fit
-            except InputError:
-                if args.html is None:
-                    raise
-                rows.append([ref.name, ref.split or "-", *["-"] * 6, "unreadable"])  # the page says why
+            except InputError as error:
+                rows.append([ref.name, ref.split or "-", *["-"] * 6, "unreadable"])
+                unreadable.append(str(error))
                 continue
             rows.append(_row(clip, ref.split or "-"))
             frames += clip.n_frames
@@ -85,6 +84,12 @@ def _clips(args: argparse.Namespace) -> None:
     _coverage(stills, args)
     if args.html is not None:
         _page(args, facts, refs)
+    if unreadable:
+        raise InputError(
+            unreadable[0]
+            if len(refs) == 1
+            else f"{len(unreadable)} of {len(refs)} clips cannot be read: {'; '.join(unreadable)}"
+        )
 
 
 def _facts(source: Path) -> tuple[dict[str, str], dict[str, str]]:

@@ -74,7 +74,7 @@ def add_mesh_frames(
         surface = replace(surface, mtl=mtl)
         if missing:
             print(
-                f"note: textures of {template.source} that are not on this machine: {', '.join(missing)}; put them "
+                f"note: textures of {template.source} that are no images here: {', '.join(missing)}; put them "
                 "beside the written files",
                 file=sys.stderr,
             )

@@ -107,7 +107,7 @@ class ArrayMetadata(_Strict):
     data_type: _TYPES
     chunk_grid: _Grid
     chunk_key_encoding: _Keys
-    codecs: list[_Codec] = Field(min_length=1, max_length=3)
+    codecs: list[_Codec] = Field(min_length=1, max_length=16)
     fill_value: float | int | str
     attributes: _Encoding = _Encoding()
     storage_transformers: list[None] = Field(default=[], max_length=0)

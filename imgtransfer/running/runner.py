@@ -46,7 +46,8 @@ class Run(Generic[R]):
         for name, reason in self.failures.items():
             print(f"  {name}: {reason}")
         raise InputError(
-            f"{len(self.failures)} of {total} {unit}s failed, listed above; the same command tries them again"
+            f"{len(self.failures)} of {total} {unit}s failed, listed above; the same command tries them again; the first: "
+            f"{next(iter(self.failures))}: {next(iter(self.failures.values()))}"
         )
 
 
