@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from render import InputError
+from render.files import check_regular
+from render.npz import available_bytes, open_npz, read_npy
 
+_MOST_ENTRIES = 10_000_000
+_LARGEST = 1e12  # beyond anything that a data set means, and its square is still a float32
 _LFS = b"version https://git-lfs"
 
 
@@ -26,9 +29,11 @@ def natural_sort(paths: Iterable[Path]) -> list[Path]:
 
 
 def check_data_file(path: Path, wanted: str) -> None:
-    """Raise InputError where there is no such file, an empty one, or a Git LFS pointer in its place."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; {wanted} is wanted")
+    """Raise InputError where there is no such file, an empty or too large one, or a Git LFS pointer in its place."""
+    check_regular(path, wanted)
+    size, free = path.stat().st_size, available_bytes()
+    if free is not None and size > free:
+        raise InputError(f"{path}: {size / 2**30:.1f} GiB, and {free / 2**30:.1f} GiB of memory are free")
     with path.open("rb") as file:
         start = file.read(len(_LFS))
     if not start:
@@ -44,16 +49,15 @@ def load_arrays(path: Path, wanted: Iterable[str]) -> dict[str, np.ndarray]:
         InputError: no such file, a damaged one, or an array of `wanted` that it lacks.
     """
     wanted = list(wanted)
-    check_data_file(path, f"an npz with {', '.join(wanted)}")
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {key: stored[key] for key in stored.files}
-    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
-    missing = [key for key in wanted if key not in arrays]
-    if missing:
-        raise InputError(f"{path}: lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}")
-    return arrays
+    what = f"an npz with {', '.join(wanted)}"
+    check_data_file(path, what)
+    with open_npz(path, what) as npz:
+        missing = [key for key in wanted if key not in npz]
+        if missing:
+            raise InputError(
+                f"{path}: lacks {', '.join(missing)}; it has {', '.join(npz.names) or 'nothing'}"
+            )
+        return {key: npz.read(key) for key in wanted}
 
 
 def load_array(path: Path) -> np.ndarray:
@@ -63,23 +67,48 @@ def load_array(path: Path) -> np.ndarray:
         InputError: no such file, or a damaged one.
     """
     check_data_file(path, "an npy array")
+    return read_npy(path)
+
+
+def as_array(source: str, name: str, values: object) -> np.ndarray:
+    """The value as an array.
+
+    Raises:
+        InputError: lists within lists whose lengths differ, or so many of them that they would fill the memory: a
+            list may hold another many times without being any larger.
+    """
+    waiting, count = [values], 0
+    while waiting:
+        value = waiting.pop()
+        count += 1
+        if isinstance(value, list | tuple):
+            waiting += value
+        if count + len(waiting) > _MOST_ENTRIES:
+            raise InputError(
+                f"{source}: {name} holds more than {_MOST_ENTRIES} numbers in lists; an array is wanted"
+            )
     try:
-        return np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"{path}: not a readable npy array ({error})") from error
+        return np.asarray(values)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{source}: {name} must be an array of numbers ({error})") from error
 
 
 def check_shape(source: str, name: str, values: object, shape: tuple[int | None, ...]) -> np.ndarray:
-    """The value as an array of numbers of `shape`, where None stands for any length.
+    """The value as an array of finite numbers of `shape`, where None stands for any length but 0.
 
     Raises:
         InputError: another shape, or no numbers; the message names `source` and `name`.
     """
-    array = np.asarray(values)
+    array = as_array(source, name, values)
     expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
     fits = array.ndim == len(shape) and all(w in (None, n) for w, n in zip(shape, array.shape, strict=True))
-    if array.dtype.kind not in "fiu" or not fits:
+    if array.dtype.kind not in "fiu" or not fits or array.size == 0:
         raise InputError(
             f"{source}: {name} must be numbers of shape {expected}, found {array.dtype} {array.shape}"
+        )
+    largest = float(np.abs(array).max())
+    if not largest <= _LARGEST:  # also where it is not a number
+        raise InputError(
+            f"{source}: {name} holds {largest:.3g}; finite numbers below {_LARGEST:g} are wanted"
         )
     return array
