@@ -7,12 +7,14 @@ import torch
 
 from render.errors import InputError
 from render.imager import TemplateImager
+from render.limits import FARTHEST
 from render.mesh import Mesh, check_faces
 
 Array = np.ndarray | torch.Tensor
 
 # By which factor the edges of one garment may differ between body shapes; centimetres are a hundred times metres.
 _SHAPES_DIFFER = 3.0
+_LIMITS = {"normals": 1e4, "confidence": 1e6}  # no unit; all else is in metres
 
 
 class FusionInputs:
@@ -59,8 +61,8 @@ class FusionInputs:
         mask, n_vertices = imager.mask, len(imager.mesh.vertices)
         self.rest = _checked_rest(rest, imager.mesh)
         maps = (self.n_frames, *mask.shape, 3)
-        self.positions = _checked("positions", positions, maps, mask)
-        self.normals = _checked("normals", normals, maps, mask)
+        self.positions = _checked("positions", positions, maps, mask=mask)
+        self.normals = _checked("normals", normals, maps, mask=mask)
         self.confidence = self._checked_confidence(confidence, mask)
         self.initial = _checked("initial", initial, (self.n_frames, n_vertices, 3))
         self.pinned, self.pinned_positions = self._checked_pins(pinned, pinned_positions, n_vertices)
@@ -71,7 +73,7 @@ class FusionInputs:
         """Refuse negative weights, and frames in which no pixel counts."""
         if values is not None and self.positions is None and self.normals is None:
             raise InputError("fuse: confidence belongs to maps, found neither positions nor normals")
-        confidence = _checked("confidence", values, (self.n_frames, *mask.shape), mask)
+        confidence = _checked("confidence", values, (self.n_frames, *mask.shape), mask=mask)
         if confidence is None:
             return None
         confidence = torch.where(mask, confidence, 0.0)
@@ -148,9 +150,9 @@ def _checked_rest(rest: Array | None, template: Mesh) -> Mesh:
 
 
 def _checked(
-    name: str, values: Array | None, shape: tuple[int, ...], mask: torch.Tensor | None = None
+    name: str, values: Array | None, shape: tuple[int, ...], *, mask: torch.Tensor | None = None
 ) -> torch.Tensor | None:
-    """Float32 on the CPU; InputError for another shape, or a value that is not finite (under the mask).
+    """Float32 on the CPU; InputError for another shape, or a value not finite or beyond its limit (under the mask).
 
     The mask (S, H, W) says which of axes 1 to 3 of `values` count; others become 0 if any is not finite.
     """
@@ -159,7 +161,8 @@ def _checked(
     tensor = torch.as_tensor(values).detach().to("cpu", torch.float32)
     if tuple(tensor.shape) != shape:
         raise InputError(f"fuse: {name} must have shape {shape}, found {tuple(tensor.shape)}")
-    finite = torch.isfinite(tensor)
+    limit = _LIMITS.get(name, FARTHEST)
+    finite = tensor.abs() <= limit  # NaN is not
     if bool(finite.all()):
         return tensor
     if len(shape) != 4:
@@ -168,6 +171,6 @@ def _checked(
     if mask is None or bool(bad.any()):
         first = bad.nonzero()[0].tolist()
         raise InputError(
-            f"fuse: {name} has {int(bad.sum())} values that are not finite, the first at {first}"
+            f"fuse: {name} has {int(bad.sum())} values that are not finite or beyond ±{limit:g}, the first at {first}"
         )
     return torch.where(mask[..., None] if len(shape) == 5 else mask, tensor, 0.0)

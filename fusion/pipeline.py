@@ -25,7 +25,7 @@ from fusion.stages import Minimum, Problem, Solver
 from fusion.stopwatch import Stopwatch
 from fusion.topology import Topology
 from render.imager import TemplateImager
-from render.mesh import safe_normalize
+from render.mesh import check_finite, safe_normalize
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,9 @@ class Pipeline:
             with watch.stage("clearance"):
                 vertices, inside = self._cleared(vertices, obstacle)
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
-        return Piece(_array(vertices), _array(initial), stages, unseen, inside)
+        solved = _array(vertices)
+        check_finite(solved, "fuse: the result", first=frames.start)
+        return Piece(solved, _array(initial), stages, unseen, inside)
 
     def _usable_threads(self) -> int:
         """Batches that are solved at the same time. Those of Adam, the reference, are solved one after the other."""

@@ -19,6 +19,7 @@ from imgtransfer.moving import Moving, Pins
 from imgtransfer.predictions import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REPORT_FILE
 from render import InputError, MapFile, Mesh, write_png
 from render.files import written_whole
+from render.mesh import check_finite
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,6 +91,7 @@ def fused(
             raise InputError(
                 f"--{name}: {n_frames} frames are wanted, as the maps have {n_frames}; found {len(moving.vertices)}"
             )
+        check_finite(moving.vertices, f"--{name}")
         vertices = frames.to_canonical(moving.vertices)
         if name == "initial":
             canonical["initial"] = vertices

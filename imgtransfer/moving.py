@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from imgtransfer.data.clip import REQUIRED, Clip, clip_of
-from imgtransfer.data.clip_checks import check_near, plain
+from imgtransfer.data.clip_checks import plain
 from render import InputError, load_mesh
 from render.files import check_regular
 from render.mesh import check_faces, check_finite
@@ -93,7 +93,6 @@ def load_moving(path: Path, kind: Kind) -> Moving:
         faces, vertices = (npz.read(name) for name in names)
     check_faces(faces, vertices.shape[1], f"{path}: {names[0]}")
     check_finite(vertices, f"{path}: {names[1]}")
-    check_near(vertices, f"{path}: {names[1]}")
     return Moving(plain(faces, whole=True), plain(vertices, whole=False))
 
 
@@ -135,7 +134,6 @@ def load_pins(path: Path) -> Pins:
             )
         positions = npz.read("positions")
     check_finite(positions, f"{path}: positions")
-    check_near(positions, f"{path}: positions")
     return Pins(indices.astype(np.int64), plain(positions, whole=False))
 
 

@@ -23,3 +23,9 @@ class InputError(ValueError):
 
     def __init__(self, message: object) -> None:
         super().__init__(one_line(message))
+
+
+def said_by(error: BaseException, longest: int = 200) -> str:
+    """What an error of another package says, on one line, cut where it would run on."""
+    text = one_line(error) or "no reason given"
+    return text if len(text) <= longest else text[:longest] + " ..."

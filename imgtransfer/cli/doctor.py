@@ -31,6 +31,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "doctor",
         help="report what works on this machine",
         description="GL, PyTorch, Warp, optional parts, versions. Exit status 0 when it can be used.",
+        examples=(
+            "imgtransfer doctor",
+            "imgtransfer doctor > machine.txt",
+        ),
     )
     return parser
 

@@ -9,6 +9,7 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 from imgtransfer.cli.mesh_options import add_axes, chosen_axes
+from imgtransfer.cli.options import add_clip_names
 from render import InputError
 from render.errors import one_line
 
@@ -53,7 +54,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         usage="%(prog)s [FORMAT] PATH [PATH ...] --to DATASET [options]",
         description=f"The data set is made where there is none; clips that are in it already are skipped, so a "
         f"stopped run goes on. FORMAT is one of\n\n{formats}\n\ndocs/importing.md says how each must look.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        examples=(
+            "imgtransfer import meshes walk --to my_data.zarr --split train --garment shirt --up=z --unit=cm --weld",
+            "imgtransfer import vto vto/tshirt/simulations --to vto.zarr --smpl SMPL --template tshirt.obj",
+        ),
     )
     parser.add_argument("source", nargs="*", metavar="[FORMAT] PATH", help="what to import")
     parser.add_argument("--to", required=True, type=Path, metavar="DATASET", help="the data set's folder")
@@ -64,9 +68,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--garment", metavar="NAME", help="name of the garment in the data set; default from the files' names"
     )
-    parser.add_argument(
-        "--clip", action="append", metavar="GLOB", help="only clips of such a name; may be given again"
-    )
+    add_clip_names(parser)
     parser.add_argument("--fps", type=float, help="frames a second, where the files do not say; default 30")
     parser.add_argument("--title", default="", help="of a new data set")
     parser.add_argument("--licence", default="", help="of a new data set, such as CC-BY-4.0")

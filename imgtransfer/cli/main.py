@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
+from imgtransfer.cli.parser import Parser
 from render import InputError
 from render.errors import one_line
 
@@ -30,9 +31,13 @@ COMMANDS = (
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands; the parsed namespace has `run`, the function to call with it."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="imgtransfer",
         description="Deform garments without skinning: body and garment as images, a network, a fusion.",
+        examples=(
+            "imgtransfer doctor",
+            "imgtransfer inspect configs/sample_data/tshirt.zarr",
+        ),
     )
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name in COMMANDS:

@@ -14,6 +14,7 @@ from imgtransfer.data.texture_files import bring_textures
 from render import InputError, Mesh
 from render.errors import one_line
 from render.files import written_whole_folder
+from render.mesh import check_finite
 from render.objfile import textures
 from render.surface import Surface, plain_surface
 
@@ -43,7 +44,7 @@ def save_mesh_frames(
         numbers: of the frames, for the file names; 0, 1, 2 ... by default.
 
     Raises:
-        InputError: another number of vertices than the template has.
+        InputError: another number of vertices than the template has, or one that is not finite; names its frame.
     """
     with written_whole_folder(folder) as temporary:
         add_mesh_frames(temporary, vertices, template, kind, name=name, numbers=numbers)
@@ -69,6 +70,7 @@ def add_mesh_frames(
         raise InputError(
             f"{template.source}: moved vertices must have shape {wanted}, found {vertices.shape}"
         )
+    check_finite(vertices, f"{template.source}: moved vertices")
     surface = template.surface or plain_surface(template.faces, len(template.vertices))
     if surface.mtl:
         mtl, missing = bring_textures(surface.mtl, folder)

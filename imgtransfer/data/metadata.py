@@ -10,10 +10,10 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from imgtransfer.data.clip_checks import RATES
 from imgtransfer.data.place import METADATA, Place
 from imgtransfer.data.schema import ARRAYS, FORMAT, REQUIRED_ARRAYS, check_root
 from render import InputError
+from render.limits import FASTEST, SLOWEST
 
 _LARGEST_CHUNK = 2**31 - 1  # bytes; no encoder writes more
 _LARGEST_AXIS = 2**40
@@ -41,7 +41,7 @@ class ClipAttributes(_Strict):
     """Of a clip's group; `arrays` is None in version 1, which did not list them."""
 
     split: str = Field(min_length=1, max_length=1000)
-    fps: float = Field(ge=RATES[0], le=RATES[1])
+    fps: float = Field(ge=SLOWEST, le=FASTEST)
     frames: int = Field(ge=1, le=_LARGEST_AXIS)
     arrays: list[str] | None = None
     info: dict[str, str]

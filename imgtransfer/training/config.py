@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from imgtransfer import config
 from imgtransfer.network.config import MapsConfig, NetworkConfig
-from render import InputError
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class ClipChoice(_Section):
@@ -37,9 +37,9 @@ class DataConfig(_Section):
     """A data set folder, a folder of clip npz files or one such file; relative to the working folder."""
     train: ClipChoice = ClipChoice(split="train")
     validation: ClipChoice = ClipChoice(split="validation")
-    validation_frames: int = Field(default=64, ge=1)
+    validation_frames: int = Field(default=64, ge=1, le=10**6)
     """Frames, spread evenly over the validation clips, that each validation measures."""
-    cache_gb: float = Field(default=8.0, gt=0)
+    cache_gb: float = Field(default=8.0, gt=0, le=1e5)
     """Memory for training frames that have been read, in 10⁹ bytes (validation frames get as much at most). Data that
     fit are read once; larger data about once an epoch, and are then mixed within half of this memory at a time."""
 
@@ -49,15 +49,15 @@ class TrainingConfig(_Section):
     own.
     """
 
-    steps: int = Field(default=100_000, ge=1)
-    batch_frames: int = Field(default=8, ge=1)
+    steps: int = Field(default=100_000, ge=1, le=10**9)
+    batch_frames: int = Field(default=8, ge=1, le=4096)
     optimizer: Literal["adam", "adamw"] = "adam"
-    learning_rate: float = Field(default=1e-4, gt=0)
+    learning_rate: float = Field(default=1e-4, gt=0, le=10)
     schedule: Literal["constant", "cosine"] = "constant"
     """The learning rate after the warm-up; cosine falls to 0 at the last step."""
-    warmup_steps: int = Field(default=0, ge=0)
-    weight_decay: float = Field(default=0.0, ge=0)
-    gradient_clip: float | None = Field(default=None, gt=0)
+    warmup_steps: int = Field(default=0, ge=0, le=10**9)
+    weight_decay: float = Field(default=0.0, ge=0, le=100)
+    gradient_clip: float | None = Field(default=None, gt=0, le=1e9)
     """Greatest norm of a network's gradient; None leaves it."""
     mirror: bool = False
     """Show half of the frames mirrored left to right, as images (columns flipped, x negated)."""
@@ -67,8 +67,8 @@ class TrainingConfig(_Section):
     threads: int | None = Field(default=None, ge=1, le=1024)
     """CPU threads; None leaves the choice to the environment."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    validate_every_steps: int = Field(default=1000, ge=1)
-    checkpoint_every_steps: int = Field(default=1000, ge=1)
+    validate_every_steps: int = Field(default=1000, ge=1, le=10**9)
+    checkpoint_every_steps: int = Field(default=1000, ge=1, le=10**9)
     stored: Literal["float32", "float16"] = "float32"
     """Number type of the weights in model.safetensors; resuming uses float32 weights in any case."""
 
@@ -90,49 +90,18 @@ def load_config(path: str | Path, changes: Sequence[str] = ()) -> RunConfig:
         changes: "section.key=value" each, the value as YAML; they replace or add what the file says.
 
     Raises:
-        InputError: no such file, not YAML, an unknown key, a value out of its range, or a change without "=".
+        InputError: no such file, not YAML, an unknown key, a value out of its range, or a change that fits nowhere.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; the YAML of a training run is wanted, such as configs/demo.yaml"
-        )
-    try:
-        content = yaml.safe_load(path.read_text())
-        for change in changes:
-            _apply(content, change)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
-    return parse_config(content, str(path))
+    return config.load_config(
+        RunConfig, path, changes, wanted="the YAML of a training run, such as configs/demo.yaml,"
+    )
 
 
 def parse_config(content: Any, source: str) -> RunConfig:
     """Check the parsed content of a run's YAML; `source` is what the InputError calls it."""
-    try:
-        return RunConfig.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        found = f", found {first['input']!r}" if first["type"] not in ("missing", "value_error") else ""
-        raise InputError(
-            f"{source}: {where}: {first['msg']}{found} ({error.error_count()} faults)"
-        ) from error
+    return config.checked(RunConfig, content, source)
 
 
-def to_yaml(config: RunConfig) -> str:
+def to_yaml(run: RunConfig) -> str:
     """All values, the defaults too, as YAML that `load_config` reads back."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
-
-
-def _apply(content: Any, change: str) -> None:
-    key, equals, value = change.partition("=")
-    if not equals:
-        raise InputError(f"--set {change}: section.key=value is wanted, such as training.steps=100")
-    *sections, last = key.strip().split(".")
-    for name in sections:
-        if not isinstance(content, dict):
-            break
-        content = content.setdefault(name, {})
-    if not isinstance(content, dict):
-        raise InputError(f"--set {change}: {key} leads through something that is not a section")
-    content[last] = yaml.safe_load(value)
+    return yaml.safe_dump(run.model_dump(mode="json"), sort_keys=False)

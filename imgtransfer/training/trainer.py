@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from imgtransfer.data.source import clip_refs
 from imgtransfer.network import TransferModel, masked_l1
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
+from imgtransfer.network.room import check_room
 from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
     MODEL_FILE,
@@ -49,6 +50,8 @@ class Trainer:
         self.train_frames = self._frames(config.data.train)
         self.validation_frames = self._frames(config.data.validation)
         first = self.train_frames.first
+        if self.device.type == "cpu":
+            check_room(config.network, config.maps, batch_frames=options.batch_frames)
         # Seeded after the data and before the weights: the same seed gives the same run on any amount of
         # data.
         torch.manual_seed(options.seed)

@@ -52,7 +52,7 @@ def broken_clip(path: Path, source: Path, **arrays: np.ndarray) -> Path:
 
 def test_import_and_export_lose_nothing(tmp_path: Path, data: Path, tube_clip: Clip) -> None:
     assert DataSet.open(data).names("test") == ["tube/short"]
-    assert main(["export", str(data), "tube/bend", "--out", f"{tmp_path}/out/bend.npz"]) == 0
+    assert main(["export", str(data), "--clip", "tube/bend", "--out", f"{tmp_path}/out/bend.npz"]) == 0
     assert_same_clip(load_clip(tmp_path / "out/bend.npz"), tube_clip)
 
 
@@ -71,7 +71,21 @@ def test_export_of_frames_keeps_the_vertex_order(
 ) -> None:
     out = tmp_path / "frames"
     assert (
-        main(["export", str(data), "tube/short", "--out", str(out), "--frames-as", kind, "--step", "3"]) == 0
+        main(
+            [
+                "export",
+                str(data),
+                "--clip",
+                "tube/short",
+                "--out",
+                str(out),
+                "--frames-as",
+                kind,
+                "--step",
+                "3",
+            ]
+        )
+        == 0
     )
     assert sorted(file.name for file in out.iterdir()) == [
         f"{name}.{kind}"
@@ -85,7 +99,7 @@ def test_export_of_frames_keeps_the_vertex_order(
 @pytest.mark.parametrize("kind", ["obj", "ply"])
 def test_exported_frames_are_imported_again(tmp_path: Path, data: Path, tube_clip: Clip, kind: str) -> None:
     out = tmp_path / "bend"
-    assert main(["export", str(data), "tube/bend", "--out", str(out), "--frames-as", kind]) == 0
+    assert main(["export", str(data), "--clip", "tube/bend", "--out", str(out), "--frames-as", kind]) == 0
     back = f"{tmp_path}/back.zarr"
     assert (
         main(["import", "meshes", str(out), "--to", back, "--split", "test", "--garment", "tube", "--anyway"])
@@ -97,17 +111,21 @@ def test_exported_frames_are_imported_again(tmp_path: Path, data: Path, tube_cli
 
 
 def test_export_of_an_animation(tmp_path: Path, data: Path) -> None:
-    assert main(["export", str(data), "tube/short", "--out", f"{tmp_path}/short.glb"]) == 0
+    assert main(["export", str(data), "--clip", "tube/short", "--out", f"{tmp_path}/short.glb"]) == 0
     assert set(trimesh.load(tmp_path / "short.glb").geometry) == {"body", "garment"}
 
 
 def test_export_refuses_unknown_endings_and_folders_in_use(
     tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert ".npz or .glb" in one_error_line(capsys, "export", data, "tube/bend", "--out", tmp_path / "a.fbx")
-    assert "exists already" in one_error_line(capsys, "export", data, "tube/bend", "--out", tmp_path / "in")
+    assert ".npz or .glb" in one_error_line(
+        capsys, "export", data, "--clip", "tube/bend", "--out", tmp_path / "a.fbx"
+    )
+    assert "exists already" in one_error_line(
+        capsys, "export", data, "--clip", "tube/bend", "--out", tmp_path / "in"
+    )
     assert "no clip matches" in one_error_line(
-        capsys, "export", data, "dress/bend", "--out", tmp_path / "a.npz"
+        capsys, "export", data, "--clip", "dress/bend", "--out", tmp_path / "a.npz"
     )
     assert not (tmp_path / "a.npz").exists()
 
@@ -242,7 +260,7 @@ def test_a_missing_file(tmp_path: Path, capsys: pytest.CaptureFixture[str], comm
         "render": ["--out", tmp_path / "out"],
         "inspect": [],
         "import": ["--to", tmp_path / "out", "--split", "train"],
-        "export": ["tube/bend", "--out", tmp_path / "out"],
+        "export": ["--clip", "tube/bend", "--out", tmp_path / "out"],
     }
     err = one_error_line(capsys, command, tmp_path / "absent.npz", *options[command])
     assert "absent.npz: no such file" in err

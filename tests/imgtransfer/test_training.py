@@ -98,13 +98,21 @@ def test_the_papers_config_has_the_papers_sizes() -> None:  # section 4.2, appen
 @pytest.mark.parametrize(
     ("text", "changes", "message"),
     [
-        ("data: {source: x}\ntraining: {step: 5}", (), "training.step: Extra inputs"),
-        ("maps: {}", (), "data: Field required"),
-        ("data: {source: x}", ("training.steps=0",), "training.steps: .* greater than or equal to 1"),
+        (
+            "data: {source: x}\ntraining: {step: 5}",
+            (),
+            "training.step: no such setting of training, did you mean steps",
+        ),
+        ("maps: {}", (), "run.yaml: data: missing"),
+        (
+            "data: {source: x}",
+            ("training.steps=0",),
+            "--set training.steps=0: training.steps: a whole number from 1 to 1e.09",
+        ),
         ("data: {source: x}", ("training.steps",), "section.key=value is wanted"),
-        ("data: {source: x}", ("data.source.y=1",), "not a section"),
+        ("data: {source: x}", ("data.source.y=1",), "--set data.source.y=1: .* is not a section"),
         ("data: [", (), "not YAML"),
-        ("just text", (), "valid dictionary"),
+        ("just text", (), "a mapping of settings is wanted, found only 'just text'"),
     ],
 )
 def test_bad_configs_are_one_clear_line(
