@@ -78,7 +78,7 @@ LINES: dict[str, tuple[str, str]] = {
     "export-glb-below-file": ("export clip.npz --out fusion.yaml/a.glb", "fusion.yaml"),
     "export-folder": ("export clip.npz --out p", "p"),
     "export-glb-folder": ("export clip.npz --out .", "--out"),
-    "export-no-clip": ("export set tube/none --out out/a", "tube/none"),
+    "export-no-clip": ("export set --clip tube/none --out out/a", "tube/none"),
     "export-two-clips": ("export set --out out/a", "set"),
     "export-frames-as": ("export clip.npz --out out/a --frames-as stl", "--frames-as"),
     "fuse-device-meta": ("fuse --maps maps.npz --out out --device meta", "--device"),

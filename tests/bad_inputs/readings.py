@@ -75,7 +75,7 @@ def _of_set(file: str, *, root: bool = False) -> tuple[Reading, ...]:
         Reading(
             "inspect-page", "inspect set --html out/page.html", file, named=(*named, "page.html says why")
         ),
-        Reading("export", "export set tube/train --out out/a", file, named=named),
+        Reading("export", "export set --clip tube/train --out out/a", file, named=named),
         Reading("import", "import set --split train --to out", file, named=named),
         Reading(
             "import-into",
