@@ -51,8 +51,8 @@ OTHER_NPZ = (
     Reading(
         "fuse-predictions", "fuse p --config fusion.yaml", "p/clip/position_only.npz", writes=("p/clip",)
     ),
-    Reading("evaluate", "evaluate done --truth clip.npz", "done/clip/fused.npz", writes=()),
-    Reading("evaluate", "evaluate p --truth clip.npz", "p/clip/position_only.npz", writes=()),
+    Reading("evaluate", "evaluate done --truth clip.npz", "done/clip/fused.npz", writes=(), optional=True),
+    Reading("evaluate", "evaluate p --truth clip.npz", "p/clip/position_only.npz", writes=(), optional=True),
     Reading(
         "simulate",
         f"simulate simulation.yaml motion.npz {_NONE} out",
