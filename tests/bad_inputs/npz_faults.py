@@ -40,7 +40,9 @@ def _at_random(value: float, dtype: str | None = None) -> Change:
     """One value, or all of them."""
 
     def change(values: np.ndarray, rng: random.Random) -> np.ndarray:
-        values = values.astype(dtype or values.dtype)
+        values = values.astype(
+            dtype or ("f8" if values.dtype.kind in "iub" and not np.isfinite(value) else values.dtype)
+        )
         if rng.random() < 0.3:
             values[...] = value
         else:
@@ -88,7 +90,10 @@ def _array_fault(name: str) -> Fault:
 
     def spoil(path: Path, rng: random.Random) -> None:
         arrays = arrays_of(path)
-        key = rng.choice(sorted(key for key, a in arrays.items() if a.dtype.kind in kinds and a.size))
+        numbers = [
+            key for key, values in sorted(arrays.items()) if values.dtype.kind in "fiub" and values.size
+        ]
+        key = rng.choice([key for key in numbers if arrays[key].dtype.kind in kinds] or numbers)
         _write(path, arrays | {key: changed(arrays[key], change, rng)})
 
     return Fault(f"array-{name}", spoil, harmless)

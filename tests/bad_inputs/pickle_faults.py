@@ -84,7 +84,8 @@ def _pick(value: dict[str, Any], kinds: str, rng: random.Random) -> tuple[dict[s
             part = part[key]
         return part
 
-    *way, last = rng.choice([path for path in _entries(value) if at(path).dtype.kind in kinds])
+    numbers = [path for path in _entries(value) if at(path).dtype.kind in "fiub"]
+    *way, last = rng.choice([path for path in numbers if at(path).dtype.kind in kinds] or numbers)
     return at(tuple(way)), last
 
 
