@@ -69,8 +69,8 @@ class Pins:
         if self.positions is None or self.positions.ndim == 3:
             if self.positions is not None and len(self.positions) != frames:
                 raise InputError(
-                    f"{self.source}: positions of {len(self.positions)} frames, but the maps have {frames}; give as many, or "
-                    "(P, 3) for all frames"
+                    f"{self.source}: positions of {len(self.positions)} frames, but the maps have {frames}; give as "
+                    "many, or (P, 3) for all frames"
                 )
             return self.positions
         return np.broadcast_to(self.positions, (frames, *self.positions.shape))
