@@ -37,7 +37,12 @@ MAPS = (
 )
 EXR = Reading("fuse", f"fuse --maps exr --config fusion.yaml {_OUT}", "exr/00000.0.exr", named=("exr:",))
 OTHER_NPZ = (
-    Reading("fuse-body", f"fuse --maps maps.npz --body body.npz --config fusion.yaml {_OUT}", "body.npz"),
+    Reading(
+        "fuse-body",
+        f"fuse --maps maps.npz --body body.npz --config fusion.yaml {_OUT}",
+        "body.npz",
+        named=("body_faces",),
+    ),
     Reading(
         "fuse-initial", f"fuse --maps maps.npz --initial start.npz --config fusion.yaml {_OUT}", "start.npz"
     ),
@@ -51,13 +56,27 @@ OTHER_NPZ = (
     Reading(
         "fuse-predictions", "fuse p --config fusion.yaml", "p/clip/position_only.npz", writes=("p/clip",)
     ),
-    Reading("evaluate", "evaluate done --truth clip.npz", "done/clip/fused.npz", writes=(), optional=True),
-    Reading("evaluate", "evaluate p --truth clip.npz", "p/clip/position_only.npz", writes=(), optional=True),
+    Reading(
+        "evaluate",
+        "evaluate done --truth clip.npz",
+        "done/clip/fused.npz",
+        writes=(),
+        named=("error: clip:",),
+        optional=True,
+    ),
+    Reading(
+        "evaluate",
+        "evaluate p --truth clip.npz",
+        "p/clip/position_only.npz",
+        writes=(),
+        named=("error: clip:",),
+        optional=True,
+    ),
     Reading(
         "simulate",
         f"simulate simulation.yaml motion.npz {_NONE} out",
         "motion.npz",
-        named=("--clip none/none",),
+        named=("none/none",),
     ),
 )
 _SET = "set/tube/train/"
@@ -95,7 +114,7 @@ SET_CHUNK = _of_set(f"{_SET}garment_vertices/c/0/0/0")
 SET_REJECTED = (
     Reading("inspect", "inspect set", "set/rejected/tube__worse.json", writes=(), optional=True),
     Reading("simulate", f"simulate simulation.yaml {_NONE} set", "set/rejected/tube__worse.json",
-            writes=("set",), named=("--clip none/none",), optional=True),
+            writes=("set",), named=("none/none",), optional=True),
 )  # fmt: skip
 MIGRATE = (
     Reading("migrate", "migrate old", "old/zarr.json", writes=("old",), named=("old/", "old:")),
@@ -118,16 +137,14 @@ RESUME = {
 }
 YAMLS = (
     Reading("train", f"train run.yaml {_OUT}", "run.yaml", needs=("set",), named=("set",)),
-    Reading(
-        "simulate", f"simulate simulation.yaml {_NONE} out", "simulation.yaml", named=("--clip none/none",)
-    ),
+    Reading("simulate", f"simulate simulation.yaml {_NONE} out", "simulation.yaml", named=("none/none",)),
     Reading("fuse", f"fuse --maps maps.npz --config fusion.yaml {_OUT}", "fusion.yaml"),
 )
 MOTION = Reading(
     "simulate",
     f"simulate motion.bvh {_NONE} out",
     "motion.bvh",
-    named=("--clip none/none", "nothing to simulate"),
+    named=("none/none", "nothing to simulate"),
 )
 _IMPORT = "--split train --anyway --to out"
 MESHES = (
@@ -175,15 +192,17 @@ PICKLED = (
         _VTO.replace("--smpl smpl", "--smpl pickled"),
         "pickled/SMPL_FEMALE.pkl",
         ("smpl",),
+        named=("SMPL",),
     ),
     Reading("import-tailornet", "import tailornet tailornet --to out", "tailornet/garment_class_info.pkl"),
 )
 PUBLIC_NPZ = (
-    Reading("import-vto-model", _VTO, "smpl/SMPL_FEMALE.npz"),
+    Reading("import-vto-model", _VTO, "smpl/SMPL_FEMALE.npz", named=("SMPL",)),
     Reading(
         "import-tailornet",
         "import tailornet tailornet --to out",
         "tailornet/pant_female/pose/000_001/poses_004.npz",
+        optional=True,
     ),
     Reading(
         "import-virtualbones",

@@ -52,7 +52,7 @@ def _config(name: str, number: int, text: str) -> Case:
     def write(path: Path, _: random.Random) -> object:
         return path.write_text(text + "\n")
 
-    named = (file, "--clip none/none", key)
+    named = (file, "none/none", key, "seconds")
     return Case(
         f"{name}-setting-{number}",
         tuple(argv.split()),

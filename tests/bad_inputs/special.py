@@ -7,7 +7,7 @@ import random
 from collections.abc import Callable
 from pathlib import Path
 
-from bad_inputs.case import SECRET, Case
+from bad_inputs.case import CONTENT, SECRET, Case
 
 
 def _renamed(names: dict[str, str]) -> Callable[[Path, random.Random], object]:
@@ -36,7 +36,7 @@ def _picture(line: str) -> Callable[[Path, random.Random], object]:
 
     def spoil(file: Path, _: random.Random) -> object:
         outside = file.parents[3]
-        (outside / SECRET).write_bytes((file.parent / "weave.png").read_bytes() + SECRET.encode())
+        (outside / SECRET).write_bytes((file.parent / "weave.png").read_bytes() + CONTENT)
         return file.write_text("newmtl cloth\n" + line.format(outside=outside) + "\n")
 
     return spoil
@@ -44,7 +44,7 @@ def _picture(line: str) -> Callable[[Path, random.Random], object]:
 
 def _linked_picture(file: Path, _: random.Random) -> None:
     outside = file.parents[3]
-    (outside / SECRET).write_bytes(file.read_bytes() + SECRET.encode())
+    (outside / SECRET).write_bytes(file.read_bytes() + CONTENT)
     file.unlink()
     file.symlink_to(outside / SECRET)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bad_inputs.case import SECRET, Case
+from bad_inputs.case import CONTENT, Case
 from bad_inputs.supervisor import MEMORY, Answer
 from imgtransfer.data.store import DataSet
 from render import InputError
@@ -89,7 +89,7 @@ def _left_faults(case: Case, answer: Answer) -> list[str]:
 
 
 def _content_faults(path: Path) -> list[str]:
-    if path.is_file() and SECRET.encode() in path.read_bytes():
+    if path.is_file() and CONTENT in path.read_bytes():
         return [f"{path.name}: a file from elsewhere was copied"]
     if path.suffix == ".npz":
         with np.load(path) as stored:
