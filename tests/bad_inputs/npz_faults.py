@@ -6,6 +6,7 @@ import io
 import pickle
 import random
 import struct
+import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -26,7 +27,8 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
 def _write(path: Path, arrays: dict[str, np.ndarray], raw: dict[str, bytes] | None = None) -> None:
     np.savez(path.with_suffix(".new.npz"), **arrays)
     path.with_suffix(".new.npz").rename(path)
-    with zipfile.ZipFile(path, "a") as archive:
+    with warnings.catch_warnings(), zipfile.ZipFile(path, "a") as archive:
+        warnings.simplefilter("ignore")  # of two members of one name
         for name, content in (raw or {}).items():
             archive.writestr(name, content)
 

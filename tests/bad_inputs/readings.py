@@ -51,7 +51,7 @@ OTHER_NPZ = (
         "fuse-pins",
         f"fuse --maps maps.npz --pins pins.npz --config fusion.yaml {_OUT}",
         "pins.npz",
-        named=("--pins",),
+        named=("--pins", "fuse: pinned"),
     ),
     Reading(
         "fuse-predictions", "fuse p --config fusion.yaml", "p/clip/position_only.npz", writes=("p/clip",)
@@ -172,7 +172,7 @@ PINS = Reading(
     "fuse-pins",
     f"fuse --maps maps.npz --pins pins.txt --config fusion.yaml {_OUT}",
     "pins.txt",
-    named=("--pins",),
+    named=("--pins", "fuse: pinned"),
 )
 REPORTS = tuple(
     Reading(
