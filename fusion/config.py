@@ -22,11 +22,15 @@ class FusionConfig(BaseModel):
         description="`local_global`: quasi-Newton steps around a prefactorised system; `adam`: the paper's schedule.",
     )
     edge_iterations: int = Field(
-        default=100, ge=0, description="Of `local_global`, first stage (edge lengths), at most; 0 skips it."
+        default=100,
+        ge=0,
+        le=10**6,
+        description="Of `local_global`, first stage (edge lengths), at most; 0 skips it.",
     )
     normal_iterations: int = Field(
         default=50,
         ge=0,
+        le=10**6,
         description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
     )
     edge_tolerance: float = Field(
@@ -44,13 +48,13 @@ class FusionConfig(BaseModel):
         "further, which is worth it where they are right.",
     )
     sdf_every_iterations: int = Field(
-        default=25, ge=1, description="Of `local_global`: steps between two distance queries."
+        default=25, ge=1, le=10**6, description="Of `local_global`: steps between two distance queries."
     )
     edge_steps: int = Field(
-        default=100, ge=0, description="Of `adam`, first stage (edge lengths); 0 skips it."
+        default=100, ge=0, le=10**6, description="Of `adam`, first stage (edge lengths); 0 skips it."
     )
     normal_steps: int = Field(
-        default=100, ge=0, description="Of `adam`, second stage (normals, collision); 0 skips it."
+        default=100, ge=0, le=10**6, description="Of `adam`, second stage (normals, collision); 0 skips it."
     )
     learning_rate_m: float = Field(
         default=1e-3,
@@ -61,26 +65,30 @@ class FusionConfig(BaseModel):
     sdf_every_steps: int = Field(
         default=5,
         ge=1,
+        le=10**6,
         description="Of `adam`: steps between two distance queries; in between, the distance is linear.",
     )
-    weight_displacement: float = Field(default=0.02, ge=0, description="λ_rv, per cm², both stages.")
+    weight_displacement: float = Field(default=0.02, ge=0, le=1e9, description="λ_rv, per cm², both stages.")
     weight_edge: float = Field(
-        default=100.0, ge=0, description="λ_e, per cm², second stage (the first has weight 1)."
+        default=100.0, ge=0, le=1e9, description="λ_e, per cm², second stage (the first has weight 1)."
     )
     weight_consistency: float = Field(
         default=0.001,
         ge=0,
+        le=1e9,
         description="λ_rn, no unit; the paper takes 0.01 for garments other than the T-shirt.",
     )
     weight_collision: float = Field(
         default=100.0,
         ge=0,
+        le=1e9,
         description="λ_c, per cm. `local_global` holds vertices outside for every value but 0, which is the same "
         "while the weight exceeds what pushes them in.",
     )
     weight_temporal: float = Field(
         default=0.0,
         ge=0,
+        le=1e9,
         description="Per cm², both stages: the squared second difference of the vertices over time. Not 0: all "
         "frames must be consecutive, and are solved as one problem whatever batch_frames says.",
     )
@@ -116,10 +124,14 @@ class FusionConfig(BaseModel):
     clearance_rounds: int = Field(
         default=10,
         ge=0,
+        le=1000,
         description="Rounds of the final clean-up at most; 0 leaves the vertices as optimised.",
     )
     batch_frames: int = Field(
-        default=8, ge=1, description="Frames solved together; changes memory and speed, not results."
+        default=8,
+        ge=1,
+        le=10**6,
+        description="Frames solved together; changes memory and speed, not results.",
     )
 
     @model_validator(mode="after")

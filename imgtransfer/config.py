@@ -11,11 +11,12 @@ from pathlib import Path
 from reprlib import repr as shortened
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
+from imgtransfer.bounded_yaml import DEEPEST, MOST_BYTES, check_bounds, load_bounded
 from imgtransfer.mistakes import first_mistake
 from render import InputError
+from render.files import check_regular
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -56,6 +57,7 @@ def checked(model: type[Model], content: Any, source: str, changes: Sequence[str
         found = "a list" if isinstance(content, list) else f"only {shortened(content)}"
         raise InputError(f"{source}: a mapping of settings is wanted, found {found}")
     content = with_changes(content, changes)
+    check_bounds(content, source)
     try:
         return model.model_validate(content)
     except ValidationError as error:
@@ -74,17 +76,9 @@ def read_yaml(path: str | Path, wanted: str = "a YAML file") -> Any:
         InputError: no such file, or not YAML.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; {wanted} is wanted")
-    return parse_yaml(path.read_bytes(), str(path))
-
-
-def parse_yaml(text: str | bytes, source: str) -> Any:
-    """What YAML text holds; `source` is what an InputError calls it."""
-    try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"{source}: not YAML ({' '.join(str(error).split())})") from error
+    check_regular(path, wanted)
+    with path.open("rb") as file:
+        return load_bounded(file.read(MOST_BYTES + 1), str(path))
 
 
 def with_changes(content: dict[Any, Any], changes: Sequence[str]) -> dict[Any, Any]:
@@ -99,7 +93,7 @@ def with_changes(content: dict[Any, Any], changes: Sequence[str]) -> dict[Any, A
     for change in changes:
         key, equals, value = change.partition("=")
         names = key.strip().split(".")
-        if not equals or not all(names):
+        if not equals or not all(names) or len(names) > DEEPEST:
             raise InputError(f"--set {change}: section.key=value is wanted, such as training.steps=100")
         section: Any = content
         for name in names[:-1]:
@@ -107,7 +101,7 @@ def with_changes(content: dict[Any, Any], changes: Sequence[str]) -> dict[Any, A
             if isinstance(section, dict) and section.get(place) is None:
                 section[place] = {}
             section = section[place]
-        section[_place(section, names[-1], change)] = parse_yaml(value, f"--set {change}")
+        section[_place(section, names[-1], change)] = load_bounded(value, f"--set {change}")
     return content
 
 

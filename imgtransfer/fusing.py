@@ -98,6 +98,7 @@ def fused(
         else:
             canonical |= {f"{name}_vertices": vertices, f"{name}_faces": moving.faces}
     if given.pins is not None:
+        given.pins.check(len(maps.template_vertices))
         positions = given.pins.over(n_frames)
         canonical["pinned"] = given.pins.indices
         canonical["pinned_positions"] = None if positions is None else frames.to_canonical(positions)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from reprlib import repr as shortened
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,8 @@ from render.meshio import SUFFIXES
 from render.npz import open_npz
 
 Kind = Literal["body", "garment"]
+_DIGITS = 9  # of a vertex number
+_MOST = 10**_DIGITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +45,20 @@ class Pins:
         indices: (P,) int64, counted from 0.
         positions: (P, 3), or (T, P, 3) for other places in each frame; metres, world coordinates. None: they stay
             where they start.
+        source: what messages call them.
     """
 
     indices: np.ndarray
     positions: np.ndarray | None = None
+    source: str = "pins"
+
+    def check(self, n_vertices: int) -> None:
+        """Raise InputError where a garment of so many vertices lacks one of these."""
+        beyond = self.indices[self.indices >= n_vertices]
+        if len(beyond):
+            raise InputError(
+                f"{self.source}: vertex {beyond[0]} is wanted, but the garment has 0..{n_vertices - 1}"
+            )
 
     def over(self, frames: int) -> np.ndarray | None:
         """Positions (T, P, 3).
@@ -56,8 +69,8 @@ class Pins:
         if self.positions is None or self.positions.ndim == 3:
             if self.positions is not None and len(self.positions) != frames:
                 raise InputError(
-                    f"pins: positions of {len(self.positions)} frames, but the maps have {frames}; give as many, or "
-                    "(P, 3) for all frames"
+                    f"{self.source}: positions of {len(self.positions)} frames, but the maps have {frames}; give as "
+                    "many, or (P, 3) for all frames"
                 )
             return self.positions
         return np.broadcast_to(self.positions, (frames, *self.positions.shape))
@@ -116,25 +129,28 @@ def load_pins(path: Path) -> Pins:
     wanted = "an npz with indices, or a text file of vertex numbers,"
     check_regular(path, wanted)
     if path.suffix.lower() != ".npz":
-        return Pins(_numbers(path))
+        return Pins(_numbers(path), source=str(path))
     with open_npz(path, wanted) as npz:
         if "indices" not in npz:
             raise InputError(f"{path}: lacks indices, the numbers of the pinned vertices, counted from 0")
         shape, dtype = npz.shape("indices"), npz.dtype("indices")
         if len(shape) != 1 or dtype.kind not in "iu":
             raise InputError(f"{path}: indices must be whole numbers (P,), found {dtype} {shape}")
-        indices = npz.read("indices")
-        if "positions" not in npz:
-            return Pins(indices.astype(np.int64))
-        placed = npz.shape("positions")
-        if placed[-2:] != (len(indices), 3) or len(placed) not in (2, 3):
-            raise InputError(
-                f"{path}: positions must have shape ({len(indices)}, 3) or (frames, {len(indices)}, 3), "
-                f"found {placed}"
-            )
-        positions = npz.read("positions")
-    check_finite(positions, f"{path}: positions")
-    return Pins(indices.astype(np.int64), plain(positions, whole=False))
+        indices, positions = npz.read("indices"), None
+        if "positions" in npz:
+            placed = npz.shape("positions")
+            if len(placed) not in (2, 3) or placed[-2:] != (len(indices), 3):
+                raise InputError(
+                    f"{path}: positions must have shape ({len(indices)}, 3) or (frames, {len(indices)}, 3), "
+                    f"found {placed}"
+                )
+            positions = npz.read("positions")
+            check_finite(positions, f"{path}: positions")
+            positions = plain(positions, whole=False)
+    if len(indices) and not 0 <= int(indices.min()) <= int(indices.max()) < _MOST:
+        wrong = next(int(index) for index in indices if not 0 <= int(index) < _MOST)
+        raise InputError(f"{path}: indices are vertex numbers from 0, found {wrong}")
+    return Pins(indices.astype(np.int64), positions, str(path))
 
 
 def _from_meshes(folder: Path) -> Moving:
@@ -160,9 +176,11 @@ def _numbers(path: Path) -> np.ndarray:
     found: list[int] = []
     for number, line in enumerate(lines, start=1):
         words = line.split("#", 1)[0].replace(",", " ").replace(";", " ").split()
-        bad = [word for word in words if not word.isdecimal()]
+        bad = [word for word in words if not (word.isascii() and word.isdecimal() and len(word) <= _DIGITS)]
         if bad:
-            raise InputError(f"{path}: line {number}: vertex numbers from 0 are wanted, found '{bad[0]}'")
+            raise InputError(
+                f"{path}: line {number}: vertex numbers from 0 are wanted, found {shortened(bad[0])}"
+            )
         found += [int(word) for word in words]
     if not found:
         raise InputError(f"{path}: no vertex numbers in it")

@@ -9,8 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from render.errors import InputError
+from render.limits import MAX_LAYERS
 from render.mesh import Mesh
 from render.views import View, ViewsSpec, parse_views
+
+_LARGEST = 1e6  # in a camera's matrices: metres, and pixels a tangent
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +44,10 @@ class Camera:
     def __post_init__(self) -> None:
         for field in ("view", "projection"):
             matrix = np.asarray(getattr(self, field), np.float64)
-            if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            if matrix.shape != (4, 4) or not (np.abs(matrix) <= _LARGEST).all():
                 raise InputError(
-                    f"camera '{self.name}': {field} must be a finite (4, 4) matrix, found {matrix.shape}"
+                    f"camera '{self.name}': {field} must be a finite (4, 4) matrix of values up to {_LARGEST:g}, found "
+                    f"{matrix.shape}"
                 )
             object.__setattr__(self, field, matrix)
         if not np.allclose(self.projection[3], (0, 0, -1, 0)) or not np.allclose(self.projection[:2, 3], 0):
@@ -52,9 +56,9 @@ class Camera:
                 f"in x and y; found {self.projection.tolist()}"
             )
         object.__setattr__(self, "size", check_size(self.size))
-        if int(self.layer) != self.layer or self.layer < 0:
+        if int(self.layer) != self.layer or not 0 <= self.layer < MAX_LAYERS:
             raise InputError(
-                f"camera '{self.name}': layer must be a whole number from 0 on, found {self.layer}"
+                f"camera '{self.name}': layer must be a whole number from 0 to {MAX_LAYERS - 1}, found {self.layer}"
             )
 
     @property
@@ -142,8 +146,8 @@ def frame_cameras(
             f"the field of view must be 1 to 120 degrees and the margin 0 to below 0.5; "
             f"found {fov_degrees} and {margin}"
         )
-    if int(layers) != layers or layers < 1:
-        raise InputError(f"layers must be a whole number from 1 on, found {layers}")
+    if int(layers) != layers or not 1 <= layers <= MAX_LAYERS:
+        raise InputError(f"layers must be a whole number from 1 to {MAX_LAYERS}, found {layers}")
     if np.ptp(template.vertices, axis=0).max() == 0:
         raise InputError(f"{template.source}: all vertices are at one point, there is nothing to look at")
     tangent, parsed = math.tan(math.radians(fov_degrees) / 2), parse_views(views)

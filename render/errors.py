@@ -1,4 +1,18 @@
-"""The one exception for input that the user can mend."""
+"""The one exception for input that the user can mend, and text from files made fit to be shown."""
+
+from __future__ import annotations
+
+import re
+
+# Control codes (a terminal acts on them), line ends of every kind, and marks that turn the direction of writing.
+_UNSHOWN = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]+")
+_LONGEST = 1400  # characters
+
+
+def one_line(text: object) -> str:
+    """Text that may come from anybody's file, for the terminal: in one line, no control codes, not endless."""
+    shown = _UNSHOWN.sub(" ", str(text)).strip()
+    return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]} ..."
 
 
 class InputError(ValueError):
@@ -7,8 +21,11 @@ class InputError(ValueError):
     The command line prints the message as one line and exits with status 2; library callers may catch it.
     """
 
+    def __init__(self, message: object) -> None:
+        super().__init__(one_line(message))
 
-def one_line(error: BaseException, longest: int = 200) -> str:
-    """What an error of another package says, on one line, cut where it would run on; its kind where it says nothing."""
-    text = " ".join(str(error).split()) or type(error).__name__
+
+def said_by(error: BaseException, longest: int = 200) -> str:
+    """What an error of another package says, on one line, cut where it would run on."""
+    text = one_line(error) or "no reason given"
     return text if len(text) <= longest else text[:longest] + " ..."

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import io
+import os
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from render.errors import InputError
-from render.files import written_whole_folder
+from render.errors import InputError, one_line
+from render.files import check_regular, written_whole_folder
+from render.limits import MAX_LENGTH
+from render.memory import check_memory
 from render.meshio import load_mesh
 
 if TYPE_CHECKING:
@@ -32,6 +38,9 @@ _OF_IMAGE = {
     "layer": "layers",
 }
 _OF_FRAME = {"rotation": "rotation", "translation": "translation"}
+_SHAPES = {"viewMatrix": (4, 4), "projectionMatrix": (4, 4), "rotation": (3, 3)}
+_SHAPES |= dict.fromkeys(("boxLo", "boxHi", "translation"), (3,))  # all others are single numbers or texts
+_MOST_CHANNELS = 64
 
 
 def save_folder(folder: Path, maps: MapFile, *, file_format: str, version: int) -> None:
@@ -83,14 +92,19 @@ def load_folder(folder: Path) -> dict[str, Any]:
         raise InputError(f"{folder}: no .exr files in it; a folder of EXR maps is wanted")
     files = {}
     for path in paths:
-        header, channels = _read(path)
+        header, channels = _read(path, len(paths))
         files[_number(path, header, "frame"), _number(path, header, "image")] = path, header, channels
     frames, images = (1 + max(key[axis] for key in files) for axis in (0, 1))
-    lost = [key for key in np.ndindex(frames, images) if key not in files]
+    lost = next((key for key in np.ndindex(frames, images) if key not in files), None)
     if lost or len(files) != len(paths):
-        what = f"frame {lost[0][0]}, image {lost[0][1]} is missing" if lost else "two files are of one image"
+        what = f"frame {lost[0]}, image {lost[1]} is missing" if lost else "two files are of one image"
         raise InputError(f"{folder}: {what}, of {frames} frames with {images} images each")
     first = files[0, 0]
+    for (frame, image), (path, header, _) in files.items():
+        for keys, other in ((_OF_ALL, first), (_OF_IMAGE, files[0, image]), (_OF_FRAME, files[frame, 0])):
+            for key in keys:
+                if not np.array_equal(_attribute(path, header, key), _attribute(*other[:2], key)):
+                    raise InputError(f"{path}: '{key}' in its header is not that of {other[0].name}")
     values = {name: _attribute(*first[:2], key) for key, name in _OF_ALL.items()}
     for key, name in _OF_IMAGE.items():
         values[name] = np.stack([_attribute(*files[0, image][:2], key) for image in range(images)])
@@ -159,26 +173,64 @@ def _write(path: Path, header: dict[str, Any], channels: dict[str, np.ndarray]) 
         file.write(str(path))
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def _read(path: Path, alike: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and channels of a file, one of so many `alike`."""
     import OpenEXR  # noqa: PLC0415
 
+    check_regular(path, "an OpenEXR image")
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with _without_its_notes(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            low, high = file.header()["dataWindow"]
+            height, width = (int(high[axis]) - int(low[axis]) + 1 for axis in (1, 0))
+            count = len(file.header()["channels"])
+        if not (1 <= height <= MAX_LENGTH and 1 <= width <= MAX_LENGTH and count <= _MOST_CHANNELS):
+            raise InputError(
+                f"{path}: {height} x {width} pixels of {count} channels; up to {MAX_LENGTH} a side and "
+                f"{_MOST_CHANNELS} channels are read"
+            )
+        check_memory(4 * alike * height * width * count, f"{path}: {alike} images like it")
+        with _without_its_notes(), OpenEXR.File(str(path), separate_channels=True) as file:
             header = dict(file.header())
             channels = {
                 name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()
             }
+    except InputError:
+        raise
     except Exception as error:  # its readers raise RuntimeError, ValueError, TypeError
-        raise InputError(f"{path}: not a readable OpenEXR file ({error})") from error
+        raise InputError(f"{path}: not a readable OpenEXR file ({one_line(error)})") from error
     if "mask" not in channels:
         raise InputError(f"{path}: no channel 'mask'; it has {', '.join(sorted(channels))}")
     return header, channels
 
 
+@contextlib.contextmanager
+def _without_its_notes() -> Iterator[None]:
+    """Keep off the terminal what the library and the one beneath it print about files that they then refuse."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
 def _attribute(path: Path, header: dict[str, Any], key: str) -> np.ndarray:
     if key not in header:
         raise InputError(f"{path}: its header lacks '{key}'")
-    return np.asarray(header[key])
+    try:
+        value = np.asarray(header[key])
+    except ValueError:  # parts of different lengths
+        value = np.empty(0, object)
+    if value.dtype == object or value.shape != _SHAPES.get(key, ()):
+        raise InputError(
+            f"{path}: '{key}' in its header must have shape {_SHAPES.get(key, ())}, found {str(header[key])[:80]!r}"
+        )
+    return value
 
 
 def _number(path: Path, header: dict[str, Any], key: str) -> int:

@@ -10,7 +10,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
-from render.errors import InputError, one_line
+from render.errors import InputError, said_by
 
 MOST = 50_000_000  # vertices and corners of all meshes, as often as nodes place them
 _DEEPEST = 1000  # nodes from the scene to a mesh
@@ -54,7 +54,7 @@ def check_glb(path: Path, content: bytes) -> None:
         RecursionError,
         OverflowError,
     ) as error:
-        raise InputError(f"{path}: its header is not that of a GLB ({one_line(error)})") from error
+        raise InputError(f"{path}: its header is not that of a GLB ({said_by(error)})") from error
     if total > MOST:
         raise InputError(f"{path}: its nodes place {total} vertices and corners, at most {MOST} can be read")
 

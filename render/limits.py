@@ -9,6 +9,8 @@ from render.errors import InputError
 FARTHEST = 1e4  # metres from the origin; float32 still tells millimetres apart there
 FARTHEST_IN_FILES = 1e9  # from the origin, in whatever unit a mesh file has
 SLOWEST, FASTEST = 0.01, 1e4  # frames a second
+MAX_LENGTH = 8192  # pixels a side: every renderer can; software renderers crash on much larger images
+MAX_LAYERS = 64  # surfaces along a ray; crumpled garments have ten
 ANGLES = 1e3  # radians of a joint's rotation
 _RIGID = 1e-3  # by which R Rᵀ may differ from the identity
 

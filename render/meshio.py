@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from render.errors import InputError, one_line
+from render.errors import InputError, said_by
 from render.files import check_regular
 from render.glbfile import check_glb
 from render.mesh import Mesh
@@ -62,7 +62,7 @@ def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray, Surface | None]:
         faces = np.array(getattr(loaded, "faces", np.zeros((0, 3), np.int64)))
         return vertices, faces, _texture(loaded, vertices, faces)
     except Exception as error:  # its readers raise whatever they meet
-        raise InputError(f"{path}: cannot be read as {suffix} ({one_line(error)})") from error
+        raise InputError(f"{path}: cannot be read as {suffix} ({said_by(error)})") from error
 
 
 def _texture(loaded: Any, vertices: np.ndarray, faces: np.ndarray) -> Surface | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from render.errors import InputError
 from render.surface import Surface
+from render.textures import with_full_paths
 
 _LARGEST_INDEX = 2**31  # beyond it no file has vertices
 _LARGEST_UV = 1e6  # repetitions of a texture
@@ -118,30 +119,21 @@ def _surface(path: Path, lines: _Lines, faces: np.ndarray, n_vertices: int) -> S
         uv_faces=uv_faces if with_uvs else None,
         face_materials=used if with_materials else None,
         materials=tuple(materials) if with_materials else (),
-        mtl="".join(_library(path.parent / name) for name in lines.libraries) if with_materials else "",
+        mtl="".join(_library(path.parent / name, path.parent) for name in lines.libraries)
+        if with_materials
+        else "",
     )
 
 
-def _library(path: Path) -> str:
-    """The text of a material library with full paths to those textures that exist; "" where it is missing.
+def _library(path: Path, folder: Path) -> str:
+    """The text of a material library with full paths to those textures that are under the mesh's folder; "" where it is
+    missing.
 
     Only files that are named as libraries are read: an OBJ file may name any file.
     """
     if path.suffix.lower() != ".mtl" or not path.is_file():
         return ""
-    lines = path.read_text(errors="replace").splitlines()
-    return "".join(_with_full_path(line, path.parent) + "\n" for line in lines)
-
-
-def _with_full_path(line: str, folder: Path) -> str:
-    keyword, *words = line.split() or [""]
-    if not keyword.startswith(("map_", "bump", "disp", "norm")):
-        return line
-    for start in range(len(words)):  # options come first; a file's name may have spaces
-        texture = folder / " ".join(words[start:])
-        if texture.is_file():
-            return " ".join([keyword, *words[:start], str(texture.resolve())])
-    return line
+    return with_full_paths(path.read_text(errors="replace"), folder)
 
 
 def textures(mtl: str, keyword: str = "map_Kd") -> list[str]:

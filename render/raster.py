@@ -14,6 +14,8 @@ from render.cameras import Camera
 from render.context import GL_BACKENDS, GLUnavailableError, open_context
 from render.errors import InputError
 from render.gl_raster import gl_face_ids
+from render.limits import MAX_LENGTH
+from render.memory import check_memory
 from render.mesh import Mesh
 from render.reference import reference_face_ids
 from render.screen import ScreenFaces, screen_faces
@@ -49,7 +51,9 @@ class Raster:
         return Raster(self.face_id[chosen], self.barycentric[chosen], self.depth[chosen], self.backend)
 
 
-MAX_LENGTH = 8192  # pixels a side: every renderer can; software renderers crash on much larger images
+_BYTES_A_PIXEL = (
+    100  # of an image while it is drawn: face, weights and depth, and what they are computed from
+)
 
 
 def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -> Raster:
@@ -67,8 +71,8 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
             warning if it is the last.
 
     Raises:
-        InputError: no camera, cameras of different or impossible sizes, an unknown or unavailable backend, or a mesh
-            that a camera of layer 0 does not see at all.
+        InputError: no camera, cameras of different or impossible sizes or of more pixels than there is memory for, an
+            unknown or unavailable backend, or a mesh that a camera of layer 0 does not see at all.
     """
     if not cameras or len({camera.size for camera in cameras}) != 1:
         raise InputError(
@@ -77,6 +81,10 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
         )
     if not all(1 <= length <= MAX_LENGTH for length in cameras[0].size):
         raise InputError(f"images of 1 to {MAX_LENGTH} pixels a side can be drawn, found {cameras[0].size}")
+    height, width = cameras[0].size
+    check_memory(
+        len(cameras) * height * width * _BYTES_A_PIXEL, f"{len(cameras)} images of {height} x {width} pixels"
+    )
     with _drawing(backend) as (name, face_ids):
         drawn = _draw(mesh, cameras, face_ids)
     for camera, ids in zip(cameras, drawn, strict=True):

@@ -21,7 +21,7 @@ class AnnyConfig(BaseModel):
 
     kind: Literal["anny"] = "anny"
     shape: AnnyShape | None = None
-    seed: int | None = Field(None, ge=0)  # of a random adult
+    seed: int | None = Field(None, ge=0, lt=2**63)  # of a random adult
 
     @model_validator(mode="after")
     def _one_of_both(self) -> AnnyConfig:
@@ -46,7 +46,7 @@ class AnnyConfig(BaseModel):
 class SmplConfig(BaseModel):
     """A SMPL body from the user's own model files."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     kind: Literal["smpl"] = "smpl"
     path: Path  # a model file (.npz or .pkl), or the folder of such

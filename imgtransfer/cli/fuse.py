@@ -27,6 +27,7 @@ from imgtransfer.predictions import (
     predicted_clips,
 )
 from render import InputError
+from render.limits import MAX_LENGTH
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.fusing import Fused, Given, Ways
@@ -148,8 +149,8 @@ def _check_form(args: argparse.Namespace) -> None:
     """Raise InputError unless the arguments are those of one form."""
     if (args.predictions is None) == (args.maps is None):
         raise InputError("fuse: give either PREDICTIONS or --maps FILE --out DIR")
-    if args.erode < 0:
-        raise InputError(f"--erode {args.erode}: a whole number of pixels from 0 is wanted")
+    if not 0 <= args.erode <= MAX_LENGTH:
+        raise InputError(f"--erode {args.erode}: a whole number of pixels from 0 to {MAX_LENGTH} is wanted")
     if args.maps is None:
         for option in SINGLE:
             if getattr(args, option) is not None:
@@ -177,9 +178,9 @@ def _check_device(device: str) -> None:
     import torch  # noqa: PLC0415
 
     try:
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
+        torch.zeros(1, device=device).cpu()  # a device that holds no values is of no use
+    except (RuntimeError, AssertionError, ValueError) as error:
+        reason = (str(error).splitlines() or ["unknown"])[0]
         raise InputError(f"--device {device}: not usable here ({reason}); use cpu") from error
 
 

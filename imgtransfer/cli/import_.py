@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from imgtransfer.cli.mesh_options import add_axes, chosen_axes
 from imgtransfer.cli.options import add_clip_names
 from render import InputError
+from render.errors import one_line
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.importers.job import Job, Options
@@ -109,7 +110,7 @@ def run(args: argparse.Namespace) -> None:
     data = DataSet.open_or_create(args.to, title=args.title, licence=args.licence, source=args.origin)
     kept = run_jobs(found, data, options)
     for job in found:
-        print(f"{job.name}  {data.clip_attributes(job.name).frames} frames  {job.split}")
+        print(f"{job.name}  {data.clip_attributes(job.name).frames} frames  {one_line(job.split)}")
     already = f" ({kept} there already)" if kept else ""
     print(f"done     {len(found)} clips{already} in {args.to}")
     print(f"next     imgtransfer inspect {quote(str(args.to))}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from imgtransfer.cli.options import add_clip_choice, add_runner, add_views, chosen_executor, chosen_refs
 from render import InputError
+from render.errors import one_line
 
 if TYPE_CHECKING:
     from imgtransfer.data.clip import Clip
@@ -78,19 +79,18 @@ def _clips(args: argparse.Namespace) -> None:
         raise InputError("inspect: --workers and --ray go with --html, whose pictures take long")
     facts, rejected = _facts(args.source)
     for key, value in facts.items():
-        print(f"{key}: {value}")
+        print(f"{key}: {one_line(value)}")
     for name, reason in rejected.items():
-        print(f"rejected {name}: {reason}")
+        print(f"rejected {one_line(name)}: {one_line(reason)}")
     refs = chosen_refs(args, args.source)
-    rows, frames, stills = [], 0, []
+    rows, frames, stills, unreadable = [], 0, [], []
     with tqdm(refs, unit="clip", leave=False, delay=2, disable=None) as bar:
         for ref in bar:
             try:
                 clip = ref.load()  # one at a time: all of a large data set would not fit
-            except InputError:
-                if args.html is None:
-                    raise
-                rows.append([ref.name, ref.split or "-", *["-"] * 6, "unreadable"])  # the page says why
+            except InputError as error:
+                rows.append([ref.name, one_line(ref.split or "-"), *["-"] * 6, "unreadable"])
+                unreadable.append(str(error))
                 continue
             rows.append(_row(clip, ref.split or "-"))
             frames += clip.n_frames
@@ -100,6 +100,12 @@ def _clips(args: argparse.Namespace) -> None:
     _coverage(stills, args)
     if args.html is not None:
         _page(args, facts, refs)
+    if unreadable:
+        raise InputError(
+            unreadable[0]
+            if len(refs) == 1
+            else f"{len(unreadable)} of {len(refs)} clips cannot be read: {'; '.join(unreadable)}"
+        )
 
 
 def _facts(source: Path) -> tuple[dict[str, str], dict[str, str]]:
@@ -124,7 +130,7 @@ def _row(clip: Clip, split: str) -> list[str]:
     median, worst = (f"{value:.2f}" for value in s.strain) if s.strain else ("-", "-")
     inside = "-" if s.penetration is None else f"{s.penetration:.3f}"
     sizes = f"{s.garment_vertices}/{s.garment_faces}", f"{s.body_vertices}/{s.body_faces}"
-    return [clip.name, split, str(s.frames), f"{s.fps:g}", *sizes, median, worst, inside]
+    return [clip.name, one_line(split), str(s.frames), f"{s.fps:g}", *sizes, median, worst, inside]
 
 
 def _print_table(rows: list[list[str]]) -> None:
@@ -196,7 +202,7 @@ def _maps(source: Path) -> None:
     height, width = maps.mask.shape[1:]
     kinds = [kind for kind in ("position", "normal") if getattr(maps, kind) is not None]
     print(f"maps: {' and '.join(kinds)}, {len(maps.rotation)} frames at {maps.fps:g} fps")
-    print(f"views: {', '.join(maps.views)}, {height} x {width} pixels (height x width)")
+    print(f"views: {one_line(', '.join(maps.views))}, {height} x {width} pixels (height x width)")
     covered = [
         f"{view} {100 * share:.1f} %" for view, share in zip(maps.views, maps.mask.mean((1, 2)), strict=True)
     ]
@@ -227,6 +233,6 @@ def _checkpoint(source: Path) -> None:
     total = sum(parts.values())
     print(f"{source}: {len(shapes)} tensors, {total:,} numbers ({', '.join(kinds)}), {size:.1f} MB")
     for part, count in parts.items():
-        print(f"  {part:32} {count:>12,}")
+        print(f"  {one_line(part):32} {count:>12,}")
     for key, value in metadata.items():
-        print(f"  {key}: {value if len(value) <= 100 else value[:97] + '...'}")
+        print(f"  {one_line(key)}: {one_line(value if len(value) <= 100 else value[:97] + '...')}")

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from imgtransfer.cli.parser import Parser
 from imgtransfer.waiting import wait_passively
 from render import InputError
+from render.errors import one_line
 
 # One module a command. Each has `add_parser(subparsers) -> ArgumentParser` and `run(args) -> None`, and
 # imports what is heavy inside `run`, so that `--help` is instant.
@@ -75,7 +76,8 @@ def exit_status(run: Callable[[], object], *, program: str, stopped: str) -> int
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # no permission, a full disk, a file where a folder is wanted
-        print(f"{program}: error: {error.filename or 'files'}: {error.strerror or error}", file=sys.stderr)
+        what = one_line(f"{error.filename or 'files'}: {error.strerror or error}")
+        print(f"{program}: error: {what}", file=sys.stderr)
         return 2
     return 0
 

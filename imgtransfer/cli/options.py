@@ -13,6 +13,8 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.data.source import ClipRef
     from imgtransfer.running import Executor
 
+_DIGITS = 9  # of a number of pixels, layers or frames
+
 
 def add_clip_choice(parser: argparse.ArgumentParser) -> None:
     """Add --split and --clip, which choose among the clips of a source."""
@@ -91,7 +93,7 @@ def add_views(
 
 def at_least_one(text: str) -> int:
     """A whole number from 1 on, for argparse's `type`."""
-    if not text.isdecimal() or int(text) < 1:
+    if not _is_count(text):
         raise argparse.ArgumentTypeError(f"a whole number from 1 on is wanted, found '{text}'")
     return int(text)
 
@@ -106,9 +108,14 @@ def chosen_refs(args: argparse.Namespace, source: str | Path) -> list[ClipRef]:
 def image_size(text: str) -> tuple[int, int]:
     """ "256" or "HxW" -> (height, width)."""
     parts = text.lower().split("x")
-    if len(parts) > 2 or not all(part.isdigit() and int(part) > 0 for part in parts):
+    if len(parts) > 2 or not all(_is_count(part) for part in parts):
         raise InputError(f"--size {text}: a number of pixels is wanted, such as 256, or HEIGHTxWIDTH")
     return int(parts[0]), int(parts[-1])
+
+
+def _is_count(text: str) -> bool:
+    """Whether a text is a whole number from 1 on that a computer can count to, in the digits 0 to 9."""
+    return text.isascii() and text.isdecimal() and len(text) <= _DIGITS and int(text) > 0
 
 
 def frame_slice(text: str) -> slice:

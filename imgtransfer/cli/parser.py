@@ -8,6 +8,10 @@ from difflib import get_close_matches
 from shlex import quote
 from typing import Any
 
+from render.errors import one_line
+
+_LONGEST = 400  # characters of an argument that is shown
+
 
 class Parser(argparse.ArgumentParser):
     """argparse's, in which an unknown argument is an error of its own command, and options are written out.
@@ -37,7 +41,9 @@ class Parser(argparse.ArgumentParser):
         """Print one line and exit with status 2."""
         if message.endswith("expected one argument"):
             message += "; a value that begins with a minus needs an equals sign, such as --facing=-y"
-        self.exit(2, f"{self.prog}: error: {message} (`{self.prog} --help` shows what there is)\n")
+        if len(message) > _LONGEST:
+            message = message[:_LONGEST] + " ..."
+        self.exit(2, f"{self.prog}: error: {one_line(message)} (`{self.prog} --help` shows what there is)\n")
 
     def _about(self, unknown: str) -> str:
         """What to say of an argument that nothing takes."""

@@ -9,6 +9,7 @@ from shlex import join
 
 from imgtransfer.cli.options import add_clip_choice, add_runner, chosen_executor, chosen_refs, folder_name
 from imgtransfer.predictions import MAPS_FILE, POSITION_ONLY_FILE, check_replaceable
+from render import InputError
 
 
 def add_parser(
@@ -50,16 +51,21 @@ def run(args: argparse.Namespace) -> None:
     model, mark = load_model(args.model), fingerprint(args.model)
     # Another machine's processes have another working folder.
     path, out = (args.model.resolve(), args.out.resolve()) if args.ray else (args.model, args.out)
-    tasks, with_garment = [], True
+    tasks, damaged, with_garment = [], {}, True
     refs = chosen_refs(args, args.source)
     for ref in tqdm(refs, desc="checking", unit="clip", leave=False, delay=2, disable=None):
-        still = ref.still()  # all before any work: a wrong one would stop the command half-way
-        model.check_garment(still)
+        try:
+            still = ref.still()
+        except InputError as error:
+            damaged[ref.name] = str(error)  # the others are predicted
+            continue
+        model.check_garment(still)  # all before any work: a wrong one would stop the command half-way
         with_garment &= still.garment_vertices is not None
         check_replaceable(args.out / folder_name(ref.name), "--out")
         clip = replace(ref, source=everywhere(ref.source))
         tasks.append(PredictTask(path, mark, clip, out / folder_name(ref.name), args.overwrite))
-    run_tasks(predict_clip, tasks, executor=executor, name=lambda task: task.name).check()
+    run = run_tasks(predict_clip, tasks, executor=executor, name=lambda task: task.name)
+    replace(run, failures=damaged | run.failures).check()
     choice = ["--split", args.split] if args.split else []
     choice += [word for name in args.clip or () for word in ("--clip", name)]
     print(f"next     {join(['imgtransfer', 'fuse', str(args.out)])}")

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from imgtransfer.data.clip_checks import INDICES, check_arrays, plain
+from imgtransfer.data.texture_files import store_textures
 from render import InputError, Mesh
 from render.files import written_whole
 from render.limits import ANGLES, FARTHEST, check_rate
 from render.mesh import check_faces, check_finite
 from render.npz import Npz, open_npz
 from render.surface import Surface
+from render.textures import with_full_paths
 
 REQUIRED = (
     "template_vertices",
@@ -190,7 +193,7 @@ def clip_of(npz: Npz, path: Path) -> Clip:
         return Clip(
             **{key: npz.read(key) if key in present else None for key in STORED},  # type: ignore[arg-type]
             fps=float(npz.read("fps").reshape(())),
-            info=_texts(npz),
+            info=with_found_textures(_texts(npz), path.parent),
             name=path.stem,
         )
     except InputError as error:
@@ -214,6 +217,11 @@ def check_clip_npz(npz: Npz, path: Path) -> list[str]:
     return present
 
 
+def with_found_textures(info: Mapping[str, str], folder: Path | None) -> dict[str, str]:
+    """A stored clip's `info`, in which only images under the folder that it was stored in have full paths."""
+    return {key: with_full_paths(text, folder) if key == "mtl" else text for key, text in info.items()}
+
+
 def _texts(npz: Npz) -> dict[str, str]:
     """The single texts of an npz, by name."""
     texts = [name for name in npz.names if name not in STORED and npz.shape(name) == ()]
@@ -225,13 +233,24 @@ def _texts(npz: Npz) -> dict[str, str]:
 
 
 def save_clip(path: str | Path, clip: Clip) -> Path:
-    """Write a clip npz; the file appears whole or not at all."""
+    """Write a clip npz; the file appears whole or not at all. Its textures are copied into textures/ beside."""
+    path = Path(path)
     arrays = {key: getattr(clip, key) for key in STORED if getattr(clip, key) is not None}
-    with written_whole(Path(path)) as temporary, temporary.open("wb") as file:
+    with written_whole(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             **arrays,
             fps=np.float64(clip.fps),
-            **{k: np.str_(v) for k, v in clip.info.items()},  # type: ignore[arg-type]
+            **{k: np.str_(v) for k, v in stored_info(clip, path.parent).items()},  # type: ignore[arg-type]
         )
-    return Path(path)
+    return path
+
+
+def stored_info(clip: Clip, folder: Path) -> dict[str, str]:
+    """What is written of a clip's `info` to a file in a folder, after its textures have been copied to there."""
+
+    def write(place: str, content: bytes) -> None:
+        with written_whole(folder / place) as temporary:
+            temporary.write_bytes(content)
+
+    return {key: store_textures(text, write) if key == "mtl" else text for key, text in clip.info.items()}

@@ -29,6 +29,10 @@ class LocalPlace:
 
     root: Path
 
+    @property
+    def folder(self) -> Path:
+        return self.root
+
     def read(self, key: str, limit: int = METADATA_LIMIT) -> bytes:
         path = self.root / key
         size = path.stat().st_size  # or OSError

@@ -12,6 +12,7 @@ import numpy as np
 
 from imgtransfer.data.texture_files import bring_textures
 from render import InputError, Mesh
+from render.errors import one_line
 from render.files import written_whole_folder
 from render.mesh import check_finite
 from render.objfile import textures
@@ -76,8 +77,8 @@ def add_mesh_frames(
         surface = replace(surface, mtl=mtl)
         if missing:
             print(
-                f"note: textures of {template.source} that are not on this machine: {', '.join(missing)}; put them "
-                "beside the written files",
+                f"note: textures of {one_line(template.source)} that are no images here: "
+                f"{one_line(', '.join(missing))}; put them beside the written files",
                 file=sys.stderr,
             )
     writer = _Obj(surface) if kind == "obj" else _Ply(surface)

@@ -107,7 +107,7 @@ class ArrayMetadata(_Strict):
     data_type: _TYPES
     chunk_grid: _Grid
     chunk_key_encoding: _Keys
-    codecs: list[_Codec] = Field(min_length=1, max_length=3)
+    codecs: list[_Codec] = Field(min_length=1, max_length=16)
     fill_value: float | int | str
     attributes: _Encoding = _Encoding()
     storage_transformers: list[None] = Field(default=[], max_length=0)
@@ -209,6 +209,8 @@ def validated(model: type[Model], values: Any, where: str) -> Model:
     """
     try:
         return model.model_validate(values)
+    except UnicodeEncodeError as error:  # half of a surrogate pair
+        raise InputError(f"{where}: holds text that is no Unicode ({error.reason})") from error
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))

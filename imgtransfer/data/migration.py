@@ -9,6 +9,7 @@ from pathlib import Path
 from imgtransfer.data.place import METADATA, group_metadata
 from imgtransfer.data.schema import SCHEMA_VERSION
 from imgtransfer.data.store import DataSet
+from render import InputError
 
 
 def migrate(path: str | Path, progress: Callable[[list[str]], Iterable[str]] = iter) -> tuple[list[str], int]:
@@ -25,14 +26,24 @@ def migrate(path: str | Path, progress: Callable[[list[str]], Iterable[str]] = i
         The clips that were rewritten, and the version that the data set had.
 
     Raises:
-        InputError: no data set, or a clip that is damaged (those before it are rewritten by then).
+        InputError: no data set, or clips that are damaged; all others are rewritten by then, but the data set counts
+            as the older version until those are gone.
     """
     old = DataSet.open(path)
     before = int(old.attributes["schema_version"])
     left = [name for name in old.names() if old.clip_attributes(name).schema_version != SCHEMA_VERSION]
     new = replace(old, attributes=old.attributes | {"schema_version": SCHEMA_VERSION})
+    damaged = []
     for name in progress(left):
-        new.write(name, old.read(name), split=old.split(name))
+        try:
+            new.write(name, old.read(name), split=old.split(name))
+        except InputError as error:
+            damaged.append(str(error))
+    if damaged:
+        raise InputError(
+            f"{len(damaged)} of {len(left)} clips are damaged and stay as they are; restore or remove "
+            f"them, and migrate again: {'; '.join(damaged)}"
+        )
     if before != SCHEMA_VERSION:  # last: until then the data set counts as the older version
         new.place.write(METADATA, group_metadata(new.attributes))
     return left, before

@@ -18,6 +18,11 @@ METADATA_LIMIT = 16 << 20  # bytes
 class Place(Protocol):
     """What a data set needs of its storage; keys are paths below its root, separated by "/"."""
 
+    @property
+    def folder(self) -> Path | None:
+        """Where its files are, for programs that want paths; None where they are not on this machine."""
+        ...
+
     def read(self, key: str, limit: int = METADATA_LIMIT) -> bytes:
         """The content of a file. Raises OSError where there is none, InputError where it cannot be had (see below)."""
         ...

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from imgtransfer.data.arrays import StoredArray
-from imgtransfer.data.clip import Clip, check_clip_npz, load_clip
+from imgtransfer.data.clip import Clip, check_clip_npz, load_clip, with_found_textures
 from imgtransfer.data.clip_checks import check_arrays
 from imgtransfer.data.metadata import ClipAttributes, read_arrays
 from imgtransfer.data.place import METADATA, Place
@@ -135,7 +135,7 @@ class StoredReader:
             return Clip(
                 **{key: values.get(key) for key in ARRAYS},  # type: ignore[arg-type]
                 fps=self.attributes.fps,
-                info=dict(self.attributes.info),
+                info=with_found_textures(self.attributes.info, self.place.folder),
                 name=self.name,
             )
         except InputError as error:

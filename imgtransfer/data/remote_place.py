@@ -42,6 +42,10 @@ class RemotePlace:
             raise InputError(f"{url}: cannot be reached ({error})") from error
         return cls(filesystem, url, root.rstrip("/"))
 
+    @property
+    def folder(self) -> None:
+        return None
+
     def _path(self, key: str) -> str:
         return f"{self.root}/{key}" if key else self.root
 

@@ -23,6 +23,7 @@ from imgtransfer.data.schema import (
     is_plain,
     versions,
 )
+from imgtransfer.data.texture_files import store_textures
 from render import InputError
 
 REJECTED = "rejected"  # folder with a JSON file for each clip that was made and found wanting
@@ -197,11 +198,19 @@ class DataSet:
                 )
         return names
 
+    def _keep(self, key: str, content: bytes) -> None:
+        """Write a file whose name tells its content, unless it is there."""
+        if not self.place.exists(key):
+            self.place.write(key, content)
+
     def _write(self, name: str, clip: Clip, split: str) -> None:
         garment = f"{name.partition('/')[0]}/{METADATA}"
         if not self.place.exists(garment):  # for other readers of Zarr
             self.place.write(garment, group_metadata({}))
         arrays = {key: np.asarray(getattr(clip, key)) for key in ARRAYS if getattr(clip, key) is not None}
+        info = {
+            key: store_textures(text, self._keep) if key == "mtl" else text for key, text in clip.info.items()
+        }
         attributes = {
             "name": name,
             "split": split,
@@ -214,7 +223,7 @@ class DataSet:
             "versions": versions(),
             "schema_version": SCHEMA_VERSION,
             "arrays": list(arrays),
-            "info": dict(clip.info),
+            "info": info,
         }
         with self.place.whole_group(name, attributes) as group:
             for key, values in arrays.items():

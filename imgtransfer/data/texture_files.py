@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
-# A library comes with its data set, maybe from elsewhere: it must not make us copy what is no image.
-IMAGES = (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".dds")
-_KEYWORDS = ("map_", "bump", "disp", "norm")
+from render.textures import change_paths, is_image
+
+STORED = "textures"  # folder beside a clip npz, or in a data set
 
 
 def bring_textures(mtl: str, folder: Path) -> tuple[str, list[str]]:
     """Copy the textures of a material library into a folder.
 
     Args:
-        mtl: the library's text, with full paths to textures as `render.objfile` leaves them.
+        mtl: the library's text, with full paths to textures as `render.textures` leaves them.
         folder: that the library is written into; it is there.
 
     Returns:
@@ -23,24 +26,47 @@ def bring_textures(mtl: str, folder: Path) -> tuple[str, list[str]]:
     """
     names: dict[str, str] = {}  # by path as the library has it
     missing: dict[str, None] = {}
-    lines = []
-    for line in mtl.splitlines():
-        keyword, *words = line.split() or [""]
-        if not (keyword.startswith(_KEYWORDS) and words):
-            lines.append(line)
-            continue
-        start = next(
-            (n for n in range(len(words)) if Path(" ".join(words[n:])).is_absolute()), len(words) - 1
-        )
-        path = " ".join(words[start:])
+
+    def copied(path: str) -> str | None:
+        if not Path(path).is_absolute():
+            return None
         if path not in names:
             names[path] = _free_name(Path(path).name, set(names.values()))
-            if Path(path).is_absolute() and Path(path).suffix.lower() in IMAGES and Path(path).is_file():
+            if is_image(Path(path)):
                 shutil.copyfile(path, folder / names[path])
             else:
                 missing[path] = None
-        lines.append(" ".join([keyword, *words[:start], names[path]]))
-    return "".join(f"{line}\n" for line in lines), list(missing)
+        return names[path]
+
+    def bare(path: str) -> str | None:
+        if path in names.values():
+            return path
+        if " " in path:
+            return None
+        missing[path] = None
+        return Path(path).name
+
+    return change_paths(change_paths(mtl, copied), bare), list(missing)
+
+
+def store_textures(mtl: str, write: Callable[[str, bytes], object]) -> str:
+    """The text with its images' places in a store, where each is kept once; those that are none stay named as they are.
+
+    Args:
+        mtl: the library's text, with full paths.
+        write: called with a place, "textures/<mark>/<name>", and the content.
+    """
+    places: dict[str, str] = {}
+
+    def stored(path: str) -> str | None:
+        if path not in places and Path(path).is_absolute() and is_image(Path(path)):
+            content = Path(path).read_bytes()
+            mark = hashlib.sha256(content).hexdigest()[:16]
+            places[path] = f"{STORED}/{mark}/{re.sub(r'[^A-Za-z0-9_.-]+', '-', Path(path).name)}"
+            write(places[path], content)
+        return places.get(path)
+
+    return change_paths(mtl, stored)
 
 
 def _free_name(name: str, taken: set[str]) -> str:

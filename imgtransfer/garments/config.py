@@ -108,7 +108,7 @@ class MeshFile(BaseModel):
     up: AxisName = "y"  # the file's axis that points up
     facing: AxisName | None = None  # the one that the body faces; None is z, or -y where z is up
     unit: Literal["m", "cm", "mm", "dm", "in", "ft"] = "m"  # of the file
-    scale: float | None = Field(None, gt=0)  # metres a unit of the file, in place of `unit`
+    scale: float | None = Field(None, ge=1e-6, le=1e6)  # metres a unit of the file, in place of `unit`
     weld: bool = False  # join seams that the file has split
 
     @model_validator(mode="after")

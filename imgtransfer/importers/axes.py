@@ -37,8 +37,10 @@ class Axes:
                 raise InputError(f"{option}={axis}: one of {', '.join(AXES)} is wanted")
         if self.up[-1] == self.facing[-1]:
             raise InputError(f"--up={self.up} --facing={self.facing}: the two must be different axes")
-        if not (np.isfinite(self.scale) and self.scale > 0):
-            raise InputError(f"--scale={self.scale}: a positive number of metres a unit is wanted")
+        if not 1e-6 <= self.scale <= 1e6:
+            raise InputError(
+                f"--scale={self.scale}: a positive number of metres a unit is wanted, from a micrometre to 1000 km"
+            )
 
     @property
     def rotation(self) -> np.ndarray:

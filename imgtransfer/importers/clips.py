@@ -29,7 +29,8 @@ def jobs(paths: list[Path], options: Options) -> list[Job]:
                 )
             if ref.split is None:
                 ref.load()
-            files = tuple(sorted(path.glob(f"{ref.name}.npz"))) if path.is_dir() else (path,)
+            in_folder = ref.split is None and path.is_dir()
+            files = tuple(sorted(path.glob(f"{ref.name}.npz"))) if in_folder else (path,)
             found.append(Job(_name(ref.name, options.garment), split, files, ref.load, marked=False))
     return found
 

@@ -32,6 +32,7 @@ from render import InputError, load_mesh
 FPS = 30.0
 _SOURCE = "CLOTH3D, Bertiche et al. 2020, chalearnlap.cvc.uab.cat/dataset/38"
 _UP = Rotation.from_euler("x", -90, degrees=True).as_matrix()  # z up to y up
+_KEYS = ("poses", "shape", "trans", "gender", "zrot")
 _LEGS_APART = 0.15  # radians, of each hip in the rest pose
 
 
@@ -130,15 +131,20 @@ class _Info:
     def __init__(self, path: Path) -> None:
         check_data_file(path, "info.mat of a CLOTH3D sample")
         try:
-            stored = loadmat(path, squeeze_me=True)
+            stored = loadmat(path, squeeze_me=True, variable_names=_KEYS)
         except Exception as error:  # the reader raises whatever it meets in a damaged file
             raise InputError(f"{path}: not a readable MAT file of version 5 ({error})") from error
-        missing = [key for key in ("poses", "shape", "trans", "gender", "zrot") if key not in stored]
+        missing = [key for key in _KEYS if key not in stored]
         if missing:
             raise InputError(f"{path}: not the info.mat of a CLOTH3D sample, it lacks {', '.join(missing)}")
-        poses, trans = stored["poses"], stored["trans"]
-        self.poses = check_shape(str(path), "poses", poses.reshape(len(poses), -1), (72, None)).T
-        self.trans = check_shape(str(path), "trans", trans.reshape(len(trans), -1), (3, len(self.poses))).T
+        poses, trans = (np.asarray(stored[key]) for key in ("poses", "trans"))
+        # A single frame comes without its axis.
+        poses, trans = (values[:, None] if values.ndim == 1 else values for values in (poses, trans))
+        self.poses = check_shape(str(path), "poses", poses, (72, None)).T
+        self.trans = check_shape(str(path), "trans", trans, (3, len(self.poses))).T
         self.betas = check_shape(str(path), "shape", stored["shape"], (10,)).astype(np.float64)
         self.zrot = float(check_shape(str(path), "zrot", stored["zrot"], ()))
-        self.gender = "male" if int(check_shape(str(path), "gender", stored["gender"], ())) else "female"
+        gender = float(check_shape(str(path), "gender", stored["gender"], ()))
+        if gender not in (0, 1):
+            raise InputError(f"{path}: gender is {gender:g}; 0 (female) or 1 (male) is wanted")
+        self.gender = "male" if gender else "female"

@@ -10,8 +10,10 @@ import numpy as np
 
 from render import InputError
 from render.files import check_regular
-from render.npz import open_npz, read_npy
+from render.npz import available_bytes, open_npz, read_npy
 
+_MOST_ENTRIES = 10_000_000
+_LARGEST = 1e12  # beyond anything that a data set means, and its square is still a float32
 _LFS = b"version https://git-lfs"
 
 
@@ -27,8 +29,11 @@ def natural_sort(paths: Iterable[Path]) -> list[Path]:
 
 
 def check_data_file(path: Path, wanted: str) -> None:
-    """Raise InputError where there is no such file, an empty one, or a Git LFS pointer in its place."""
+    """Raise InputError where there is no such file, an empty or too large one, or a Git LFS pointer in its place."""
     check_regular(path, wanted)
+    size, free = path.stat().st_size, available_bytes()
+    if free is not None and size > free:
+        raise InputError(f"{path}: {size / 2**30:.1f} GiB, and {free / 2**30:.1f} GiB of memory are free")
     with path.open("rb") as file:
         start = file.read(len(_LFS))
     if not start:
@@ -65,17 +70,45 @@ def load_array(path: Path) -> np.ndarray:
     return read_npy(path)
 
 
+def as_array(source: str, name: str, values: object) -> np.ndarray:
+    """The value as an array.
+
+    Raises:
+        InputError: lists within lists whose lengths differ, or so many of them that they would fill the memory: a
+            list may hold another many times without being any larger.
+    """
+    waiting, count = [values], 0
+    while waiting:
+        value = waiting.pop()
+        count += 1
+        if isinstance(value, list | tuple):
+            waiting += value
+        if count + len(waiting) > _MOST_ENTRIES:
+            raise InputError(
+                f"{source}: {name} holds more than {_MOST_ENTRIES} numbers in lists; an array is wanted"
+            )
+    try:
+        return np.asarray(values)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{source}: {name} must be an array of numbers ({error})") from error
+
+
 def check_shape(source: str, name: str, values: object, shape: tuple[int | None, ...]) -> np.ndarray:
-    """The value as an array of numbers of `shape`, where None stands for any length.
+    """The value as an array of finite numbers of `shape`, where None stands for any length but 0.
 
     Raises:
         InputError: another shape, or no numbers; the message names `source` and `name`.
     """
-    array = np.asarray(values)
+    array = as_array(source, name, values)
     expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
     fits = array.ndim == len(shape) and all(w in (None, n) for w, n in zip(shape, array.shape, strict=True))
-    if array.dtype.kind not in "fiu" or not fits:
+    if array.dtype.kind not in "fiu" or not fits or array.size == 0:
         raise InputError(
             f"{source}: {name} must be numbers of shape {expected}, found {array.dtype} {array.shape}"
+        )
+    largest = float(np.abs(array).max())
+    if not largest <= _LARGEST:  # also where it is not a number
+        raise InputError(
+            f"{source}: {name} holds {largest:.3g}; finite numbers below {_LARGEST:g} are wanted"
         )
     return array

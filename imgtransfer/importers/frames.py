@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -150,7 +151,9 @@ def _check_complete(source: Path, files: list[Path]) -> None:
         twice = int(np.argmax(steps == 0))
         raise InputError(f"{source}: {files[twice].name} and {files[twice + 1].name} are the same frame")
     step = int(steps.min())
-    missing = sorted(set(range(numbers[0], numbers[-1], step)) - set(numbers))
+    # Numbers may be times of day, a year apart: what is missing is never counted through.
+    gaps = (number for a, b in pairwise(numbers) for number in range(a + step, b, step))
+    missing = list(islice(gaps, 6))
     if missing or (steps % step).any():
         listed = ", ".join(str(number) for number in missing[:5]) + (" ..." if len(missing) > 5 else "")
         raise InputError(

@@ -17,6 +17,7 @@ from imgtransfer.data.clip import FLOATS, SKINNING, SURFACE, Clip
 from imgtransfer.data.store import DataSet, check_name
 from imgtransfer.importers.axes import Axes
 from render import InputError
+from render.textures import change_paths
 
 MARK = "imported"  # key of a clip's info: what it was imported from, and how
 
@@ -144,11 +145,26 @@ def run_jobs(jobs: Sequence[Job], data: DataSet, options: Options) -> int:
 
 def _same(data: DataSet, name: str, clip: Clip) -> bool:
     """Whether the data set holds this very clip already."""
-    if not data.has(name) or data.clip_attributes(name).info != clip.info:
+    if not data.has(name):
         return False
-    there = data.read(name)
+    try:
+        there = data.read(name)
+    except InputError:
+        return False  # damaged, so that it is written again
+    if _told(there) != _told(clip):
+        return False
     keys = dict.fromkeys((*FLOATS, *SKINNING, *SURFACE, "garment_faces", "body_faces"))
     return there.fps == clip.fps and all(
         np.array_equal(x, y) if x is not None and y is not None else x is y
         for x, y in ((getattr(there, key), getattr(clip, key)) for key in keys)
     )
+
+
+def _told(clip: Clip) -> dict[str, str]:
+    """A clip's `info`; textures, which every store has in another place, count by their names."""
+    return {
+        key: change_paths(text, lambda path: Path(path).name if Path(path).is_absolute() else None)
+        if key == "mtl"
+        else text
+        for key, text in clip.info.items()
+    }

@@ -15,8 +15,11 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_array, csr_array
 
-from imgtransfer.importers.pickle_parts import Maker, Stored
+from imgtransfer.importers.files import as_array
+from imgtransfer.importers.pickle_parts import Maker, RefusedError, Stored
 from imgtransfer.importers.pickles import load_pickle
+
+_LARGEST_MATRIX = 1 << 27  # numbers; SMPL's regressor has 24 x 6,890
 
 
 def load_model_pickle(path: str | Path) -> Any:
@@ -36,7 +39,7 @@ class _Ch(Stored):
     __slots__ = ()
 
     def plain(self, plain: Callable[[Any], Any]) -> np.ndarray:
-        return np.asarray(plain(self.state["x"]))
+        return as_array("chumpy.Ch", "x", plain(self.state["x"]))
 
 
 class _Select(Stored):
@@ -45,7 +48,8 @@ class _Select(Stored):
     __slots__ = ()
 
     def plain(self, plain: Callable[[Any], Any]) -> np.ndarray:
-        values = np.asarray(plain(self.state["a"])).ravel()[np.asarray(plain(self.state["idxs"]))]
+        values, chosen = (as_array("chumpy.Select", key, plain(self.state[key])) for key in ("a", "idxs"))
+        values = values.ravel()[chosen]
         shape = self.state.get("preferred_shape")
         return values if shape is None else values.reshape(plain(shape))
 
@@ -58,7 +62,10 @@ class _Columns(Stored):
 
     def plain(self, plain: Callable[[Any], Any]) -> np.ndarray:
         parts = tuple(plain(self.state[key]) for key in ("data", "indices", "indptr"))
-        sparse = self.kind(parts, shape=plain(self.state.get("_shape", self.state.get("shape"))))
+        rows, columns = plain(self.state.get("_shape", self.state.get("shape")))
+        if rows * columns > _LARGEST_MATRIX:
+            raise RefusedError(f"holds a sparse matrix of {rows} x {columns}, which is of no body")
+        sparse = self.kind(parts, shape=(rows, columns))
         sparse.check_format(full_check=True)  # indices out of range would be read from elsewhere
         return sparse.toarray()
 

@@ -153,7 +153,18 @@ NAMES = {
 
 
 def as_plain(value: Any, done: dict[int, Any]) -> Any:
-    """Replace what is under construction by arrays, all the way down; each object once."""
+    """Replace what is under construction by arrays, all the way down; each object once, however often it is held."""
+    if isinstance(value, Maker | type):
+        raise RefusedError("holds a function, not data")
+    if not isinstance(value, _Array | _DType | Stored | dict | list | tuple | set | frozenset):
+        return value
+    if id(value) not in done:
+        done[id(value)] = value  # against endless loops: a container inside itself stays as it is
+        done[id(value)] = _made_plain(value, done)
+    return done[id(value)]
+
+
+def _made_plain(value: Any, done: dict[int, Any]) -> Any:
     if isinstance(value, _Array):
         if value.value is None:
             raise ValueError("an array without content")
@@ -165,17 +176,6 @@ def as_plain(value: Any, done: dict[int, Any]) -> Any:
         return value.value
     if isinstance(value, Stored):
         return value.plain(lambda entry: as_plain(entry, done))
-    if isinstance(value, Maker | type):
-        raise RefusedError("holds a function, not data")
-    if isinstance(value, dict | list | tuple | set | frozenset):
-        if id(value) not in done:
-            done[id(value)] = value  # against endless loops: a container inside itself stays as it is
-            done[id(value)] = _plain_container(value, done)
-        return done[id(value)]
-    return value
-
-
-def _plain_container(value: Any, done: dict[int, Any]) -> Any:
     if isinstance(value, dict):
         return {as_plain(key, done): as_plain(entry, done) for key, entry in value.items()}
     return type(value)(as_plain(entry, done) for entry in value)

@@ -35,10 +35,8 @@ def load_pickle(path: str | Path, *, extra: Mapping[str, object] | None = None) 
             return as_plain(_Unpickler(file, extra or {}).load(), {})
         except RefusedError as error:
             raise InputError(f"{path}: {error}") from None
-        except (MemoryError, KeyboardInterrupt):
-            raise
         except Exception as error:  # a damaged pickle makes the reader raise whatever it meets
-            what = str(error) or type(error).__name__
+            what = str(error) or "it asks for more memory than there is, or breaks off"
             raise InputError(f"{path}: not a whole pickle file, perhaps truncated ({what})") from error
 
 

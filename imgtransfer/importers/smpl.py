@@ -127,12 +127,10 @@ def smpl_body(model_path: str | Path) -> SmplModel:
     source = str(path)
     template = check_shape(source, "v_template", stored["v_template"], (None, 3)).astype(np.float64)
     count = len(template)
-    kinship = check_shape(
-        source, "kintree_table", np.asarray(stored["kintree_table"]).reshape(-1, JOINTS), (None, JOINTS)
-    )
+    kinship = check_shape(source, "kintree_table", stored["kintree_table"], (None, JOINTS))
     parents = kinship[0].astype(np.int64)
     parents[(parents < 0) | (parents >= JOINTS)] = -1  # the root's parent is stored as 2^32 - 1
-    faces = np.asarray(stored["f"]).astype(np.int64)
+    faces = check_shape(source, "f", stored["f"], (None, 3)).astype(np.int64)
     check_faces(faces, count, source)
     return SmplModel(
         template,

@@ -134,7 +134,8 @@ class _Garment:
             str(moved_file), "displacements", moved, (len(poses), len(self.cloth.template), 3)
         )
         shape, _, style = poses_file.parent.name.partition("_")
-        betas = load_array(self.folder / f"shape/beta_{shape}.npy").reshape(-1)[:10]
+        shape_file = self.folder / f"shape/beta_{shape}.npy"
+        betas = check_shape(str(shape_file), "betas", load_array(shape_file).reshape(-1), (None,))[:10]
         bones = self.fine.transforms(betas, poses)
         garment = np.empty(moved.shape, np.float32)
         for start in range(0, len(poses), 64):

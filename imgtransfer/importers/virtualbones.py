@@ -92,8 +92,6 @@ def _clip(path: Path, template: Mesh, model: SmplModel, options: Options) -> Cli
     )
     pose = check_shape(str(path), "pose", stored["pose"], (len(moved), 52, 3)).astype(np.float64)
     trans = check_shape(str(path), "trans", stored["trans"], (len(moved), 3)).astype(np.float64)
-    if not all(np.isfinite(values).all() for values in (moved, pose, trans)):
-        raise InputError(f"{path}: values are not finite")
     moved *= _unit(path, moved, template)
     turns, local = _root_frame(path, moved, pose, trans, template)
     poses = np.zeros((len(moved), 24, 3))
@@ -130,7 +128,7 @@ def _unit(path: Path, moved: np.ndarray, template: Mesh) -> float:
     start, end = template.edges.T
     rest = np.median(np.linalg.norm(template.vertices[end] - template.vertices[start], axis=-1))
     found = np.median(np.linalg.norm(moved[0, end] - moved[0, start], axis=-1))
-    ratio = float(rest / found) if found > 0 else 0.0
+    ratio = float(rest / found) if found > 1e-9 else 0.0
     unit = 10.0 ** round(np.log10(ratio)) if ratio > 0 else 0.0
     if not 0.7 < ratio / max(unit, 1e-9) < 1.4:
         raise InputError(

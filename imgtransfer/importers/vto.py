@@ -22,7 +22,7 @@ import torch
 
 from fusion import BodySdf
 from imgtransfer.data.clip import Clip
-from imgtransfer.importers.files import check_shape, natural_sort
+from imgtransfer.importers.files import as_array, check_shape, natural_sort
 from imgtransfer.importers.job import Job, Options, clip_name
 from imgtransfer.importers.pickles import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
@@ -129,7 +129,7 @@ def _arrays(path: Path, stored: Any, sequence: str) -> tuple[np.ndarray, ...]:
         )
     stored = {**stored}
     if "poses" not in stored and {"pose", "translation"} <= set(stored):
-        joined = [np.asarray(stored["pose"]), np.asarray(stored["translation"])]
+        joined = [as_array(str(path), key, stored[key]) for key in ("pose", "translation")]
         if any(part.ndim != 2 for part in joined) or len(joined[0]) != len(joined[1]):
             raise InputError(
                 f"{path}: pose {joined[0].shape} and translation {joined[1].shape} do not fit each other"
@@ -148,7 +148,9 @@ def _arrays(path: Path, stored: Any, sequence: str) -> tuple[np.ndarray, ...]:
     vertices = check_shape(str(path), "vertices", stored["vertices"], (None, None, 3))
     frames = len(vertices)
     poses = check_shape(str(path), "poses", stored["poses"], (frames, 75)).astype(np.float32)
-    shapes = check_shape(str(path), "shapes", np.atleast_2d(stored["shapes"]), (None, 10)).astype(np.float64)
+    shapes = check_shape(
+        str(path), "shapes", np.atleast_2d(as_array(str(path), "shapes", stored["shapes"])), (None, 10)
+    ).astype(np.float64)
     if len(shapes) not in (1, frames) or np.ptp(shapes, axis=0).max() > 1e-3:
         raise InputError(f"{path}: shapes {shapes.shape} must be the same shape in each of {frames} frames")
     faces = check_shape(str(path), "faces", stored["faces"], (None, 3)).astype(np.int64)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from imgtransfer.data.canonical import RootMode
 from render import parse_views
+from render.limits import MAX_LAYERS, MAX_LENGTH
 
 
 class EncoderConfig(BaseModel):
@@ -23,9 +24,9 @@ class EncoderConfig(BaseModel):
     kind: Literal["vit"] = "vit"
     patch: Literal[4, 8, 16, 32] = 16
     """Side of a square patch, pixels; the decoder has log2(patch) blocks."""
-    dim: int = Field(default=768, ge=8)
-    depth: int = Field(default=12, ge=1)
-    heads: int = Field(default=12, ge=1)
+    dim: int = Field(default=768, ge=8, le=8192)
+    depth: int = Field(default=12, ge=1, le=256)
+    heads: int = Field(default=12, ge=1, le=256)
 
     @model_validator(mode="after")
     def _dim_divides(self) -> EncoderConfig:
@@ -39,16 +40,19 @@ class EncoderConfig(BaseModel):
         return self
 
 
+_Pixels = Annotated[int, Field(ge=1, le=MAX_LENGTH)]
+
+
 class MapsConfig(BaseModel):
     """How meshes become images."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    size: tuple[int, int] = (256, 256)
+    size: tuple[_Pixels, _Pixels] = (256, 256)
     """(height, width), pixels."""
     views: tuple[str, ...] = ("front", "back")
     """As `render.parse_views` reads them: a list of sides and [azimuth, elevation], or `four`, or `ring:8`."""
-    layers: int = Field(default=1, ge=1)
+    layers: int = Field(default=1, ge=1, le=MAX_LAYERS)
     """How many surfaces deep each view is imaged; layers that show nothing of the template are left out."""
     root: RootMode = "root"
     """What of the root's rotation the canonical frame removes: all, or only the heading."""
@@ -67,9 +71,9 @@ class NetworkConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     encoder: EncoderConfig = EncoderConfig()
-    blocks: int = Field(default=4, ge=1)
+    blocks: int = Field(default=4, ge=1, le=256)
     """K, the number of refinement blocks."""
-    heads: int = Field(default=4, ge=1)
+    heads: int = Field(default=4, ge=1, le=256)
     """Heads of the cross- and self-attention in a refinement block."""
     target: Literal["absolute", "residual"] = "absolute"
     """What the decoder predicts: the garment's image (the paper), or its difference to a first guess that

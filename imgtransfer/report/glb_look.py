@@ -11,6 +11,7 @@ import numpy as np
 
 from render.objfile import textures
 from render.surface import Surface
+from render.textures import is_image
 
 _MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}  # what glTF 2.0 admits
 
@@ -62,7 +63,7 @@ def material(name: str, mtl: str, default: tuple[float, ...]) -> tuple[dict[str,
     opacity = _numbers(text, "d", 1) or [1 - value for value in _numbers(text, "Tr", 1)] or [1.0]
     images = textures(text)
     path = Path(images[0]) if images else None
-    if path is not None and (path.suffix.lower() not in _MIME or not path.is_file()):
+    if path is not None and (path.suffix.lower() not in _MIME or not is_image(path)):
         path = None
     surface = {
         "baseColorFactor": [1.0, 1.0, 1.0, opacity[0]]

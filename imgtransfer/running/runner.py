@@ -45,8 +45,10 @@ class Run(Generic[R]):
         print(f"failed, {len(self.failures)} of {total}:")
         for name, reason in self.failures.items():
             print(f"  {name}: {reason}")
+        first = next(iter(self.failures.items()))
         raise InputError(
-            f"{len(self.failures)} of {total} {unit}s failed, listed above; the same command tries them again"
+            f"{len(self.failures)} of {total} {unit}s failed, listed above; the same command tries them again; "
+            f"the first was {': '.join(first)}"
         )
 
 

@@ -19,8 +19,10 @@ from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.fabrics import FABRICS, Fabric
+from render.limits import FASTEST, SLOWEST
 
 _COTTON = FABRICS["cotton"]
+MOST_CLIPS = 100_000  # of one line
 Split = Literal["train", "validation", "test"]
 
 
@@ -32,15 +34,15 @@ class ClothConfig(_Section):
     """Material of the cloth and its contact with the body: those of a fabric, but for the values that are given."""
 
     fabric: Fabric = "cotton"
-    density: float = Field(_COTTON["density"], gt=0)  # kg/m²
-    stretch: float = Field(_COTTON["stretch"], gt=0)  # N/m, both Lamé parameters of the membrane
-    bending: float = Field(_COTTON["bending"], ge=0)  # N·m, flexural rigidity
-    stretch_damping: float = Field(_COTTON["stretch_damping"], ge=0)  # s, relative to `stretch`
-    bending_damping: float = Field(_COTTON["bending_damping"], ge=0)  # s, relative to `bending`
-    friction: float = Field(_COTTON["friction"], ge=0)  # Coulomb coefficient against the skin
+    density: float = Field(_COTTON["density"], gt=0, le=100)  # kg/m²
+    stretch: float = Field(_COTTON["stretch"], gt=0, le=1e9)  # N/m, both Lamé parameters of the membrane
+    bending: float = Field(_COTTON["bending"], ge=0, le=1e3)  # N·m, flexural rigidity
+    stretch_damping: float = Field(_COTTON["stretch_damping"], ge=0, le=1e3)  # s, relative to `stretch`
+    bending_damping: float = Field(_COTTON["bending_damping"], ge=0, le=1e3)  # s, relative to `bending`
+    friction: float = Field(_COTTON["friction"], ge=0, le=100)  # Coulomb coefficient against the skin
     # Metres between vertices and skin: more than the cloth itself, because it keeps faces out of the skin, too.
-    thickness: float = Field(_COTTON["thickness"], gt=0)
-    contact_stiffness: float = Field(6000.0, gt=0)  # N/m per vertex
+    thickness: float = Field(_COTTON["thickness"], gt=0, le=0.1)
+    contact_stiffness: float = Field(6000.0, gt=0, le=1e9)  # N/m per vertex
 
     @model_validator(mode="before")
     @classmethod
@@ -56,14 +58,14 @@ class SolverConfig(_Section):
 
     # How far, metres, the skin under the garment may move within a substep, apart from what moves all of it evenly.
     # Each frame is cut into as many substeps as that takes.
-    step_length: float = Field(0.003, gt=0)
-    min_substeps: int = Field(10, ge=1)  # of a frame, however slow
-    max_substeps: int = Field(24, ge=1)  # of a frame, however fast
-    iterations: int = Field(4, ge=1)  # of vertex block descent, a substep
+    step_length: float = Field(0.003, gt=0, le=10)
+    min_substeps: int = Field(10, ge=1, le=10**4)  # of a frame, however slow
+    max_substeps: int = Field(24, ge=1, le=10**4)  # of a frame, however fast
+    iterations: int = Field(4, ge=1, le=10**4)  # of vertex block descent, a substep
     # Factor on every move of a vertex. 1.5 leaves about half the stretch that 1 does; 2 would not come to rest.
     relaxation: float = Field(1.5, ge=0.5, lt=1.9)
-    settle_seconds: float = Field(0.8, ge=0)  # the cloth comes to rest on the resting body
-    warm_up_seconds: float = Field(0.7, gt=0)  # from the rest pose to the first frame; not recorded
+    settle_seconds: float = Field(0.8, ge=0, le=600)  # the cloth comes to rest on the resting body
+    warm_up_seconds: float = Field(0.7, gt=0, le=600)  # from the rest pose to the first frame; not recorded
     self_contact: bool = False  # whether the cloth collides with itself
 
     @model_validator(mode="after")
@@ -97,17 +99,17 @@ class GateConfig(_Section):
     jitter: float = Field(0.002, ge=0)  # metres, 95th percentile of vertices' shaking while the body rests
 
 
-_Tempo = Annotated[float, Field(gt=0)]
+_Tempo = Annotated[float, Field(ge=0.01, le=100)]
 
 
 class LibraryMotion(_Section):
     """Clips from the motion library: one a seed, or one for each of the seeds from `seed` to `last_seed`."""
 
     motion: str
-    seed: int = Field(0, ge=0)
-    last_seed: int | None = Field(None, ge=0)
+    seed: int = Field(0, ge=0, lt=2**63)
+    last_seed: int | None = Field(None, ge=0, lt=2**63)
     tempo: _Tempo | tuple[_Tempo, _Tempo] = 1.0  # a range is drawn from by seed
-    seconds: float = Field(2.5, gt=0)
+    seconds: float = Field(2.5, gt=0, le=3600)
     split: Split = "train"
     garments: tuple[str, ...] = ()  # simulated in these only, named by kind; in all of them if empty
 
@@ -122,6 +124,8 @@ class LibraryMotion(_Section):
     def _ordered(self) -> LibraryMotion:
         if self.last_seed is not None and self.last_seed < self.seed:
             raise ValueError(f"last_seed {self.last_seed} is less than seed {self.seed}")
+        if self.last_seed is not None and self.last_seed - self.seed >= MOST_CLIPS:
+            raise ValueError(f"seeds {self.seed} to {self.last_seed} are more than {MOST_CLIPS} clips")
         return self
 
     def motions(self, fps: float) -> list[Motion]:
@@ -142,8 +146,8 @@ class FileMotions(_Section):
     validation: tuple[str, ...] = ()
     arms_out: float = Field(6.0, ge=0, le=30)  # degrees
     up_axis: UpAxis = "auto"  # of npz files; "auto" looks at which way the body stands
-    turning: float = Field(TURNING, gt=0)  # degrees a second of a joint; faster motions are left out
-    path_speed: float = Field(PATH_SPEED, gt=0)  # m/s of the pelvis; faster motions are left out
+    turning: float = Field(TURNING, gt=0, le=1e9)  # degrees a second of a joint; faster motions are left out
+    path_speed: float = Field(PATH_SPEED, gt=0, le=1e9)  # m/s of the pelvis; faster motions are left out
 
     def split(self, name: str) -> Split:
         """Which split a motion file belongs to."""
@@ -160,9 +164,11 @@ class FileMotions(_Section):
 class SequenceFiles(MeshFile):
     """How body mesh sequences given on the command line are read; `files` says which split they belong to."""
 
-    fps: float | None = Field(None, gt=0, lt=1e4)  # of the files; None is what they say themselves, else 30
+    fps: float | None = Field(
+        None, ge=SLOWEST, le=FASTEST
+    )  # of the files; None is what they say themselves, else 30
     body_rest: Path | None = None  # the body at rest; None is body_rest.obj beside or above the frames
-    speed: float = Field(30.0, gt=0)  # m/s of a vertex; faster sequences are left out
+    speed: float = Field(30.0, gt=0, le=1e9)  # m/s of a vertex; faster sequences are left out
 
 
 class SimulateConfig(_Section):
@@ -171,7 +177,7 @@ class SimulateConfig(_Section):
     title: str = ""
     licence: str = "CC0-1.0"
     source: str = ""
-    fps: float = Field(30.0, gt=0)
+    fps: float = Field(30.0, ge=SLOWEST, le=FASTEST)
     body: BodyConfig = AnnyConfig()
     garment: GarmentConfig = TShirtConfig()
     # Several in place of the one: every motion is simulated in every garment, on the bodies in turn or on every body.

@@ -14,8 +14,10 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
+from imgtransfer.network.room import least_weights
 from render import InputError, Mesh, PositionBox
-from render.files import written_whole
+from render.files import check_regular, written_whole
+from render.mesh import check_finite
 
 MODEL_FILE, STATE_FILE = "model.safetensors", "state.safetensors"
 MODEL_FORMAT, STATE_FORMAT, FORMAT_VERSION = "imgtransfer-model", "imgtransfer-training-state", 2
@@ -76,8 +78,10 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
         box = PositionBox(np.asarray(header["box_lo"]), np.asarray(header["box_hi"]))
         template = _mesh(tensors, "template", path)
         body = _mesh(tensors, "body", path) if "body_vertices" in tensors else None
-    except (KeyError, ValueError) as error:  # pydantic's ValidationError is a ValueError
+    # pydantic's ValidationError is a ValueError
+    except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise InputError(f"{path}: not a model that this version can read ({_line(error)})") from error
+    _check_shapes(network, maps, tensors, path)
     model = TransferModel(maps=maps, network=network, template=template, box=box, body=body)
     load_weights(model, tensors, path)
     return model.eval().to(device)
@@ -85,7 +89,29 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
 
 def _mesh(tensors: dict[str, Tensor], name: str, path: Path) -> Mesh:
     """The mesh of this name, taken out of the tensors."""
-    return Mesh(tensors.pop(f"{name}_vertices").numpy(), tensors.pop(f"{name}_faces").numpy(), str(path))
+    vertices, faces = tensors.pop(f"{name}_vertices").double(), tensors.pop(f"{name}_faces")
+    if faces.is_floating_point() or faces.is_complex():
+        raise InputError(f"{path}: {name}_faces must be integers, found {faces.dtype}")
+    mesh = Mesh(vertices.numpy(), faces.long().numpy(), str(path))
+    check_finite(mesh.vertices, f"{path}: {name}_vertices")
+    return mesh
+
+
+def _check_shapes(network: NetworkConfig, maps: MapsConfig, tensors: dict[str, Tensor], path: Path) -> None:
+    """Compare a file's weights with those that its header states, before room is made for networks of any size."""
+    for part, stated in (("encoder.blocks", network.encoder.depth), ("refinement", network.blocks)):
+        start = f"model.position_net.{part}."
+        there = {key.removeprefix(start).partition(".")[0] for key in tensors if key.startswith(start)}
+        if len(there) != stated:
+            raise InputError(
+                f"{path}: the weights are of another architecture ({len(there)} blocks of {part}, not {stated})"
+            )
+    there = sum(value.numel() for key, value in tensors.items() if key.startswith("model."))
+    least = 2 * least_weights(network, maps)
+    if there < least:
+        raise InputError(
+            f"{path}: the weights are of another architecture ({there} of them, and its header needs {least} at least)"
+        )
 
 
 def fingerprint(path: str | Path) -> str:
@@ -100,10 +126,14 @@ def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -
     architecture's.
     """
     weights = {
-        key.removeprefix("model."): value.float()
-        for key, value in tensors.items()
-        if key.startswith("model.")
+        key.removeprefix("model."): value for key, value in tensors.items() if key.startswith("model.")
     }
+    odd = [key for key, value in weights.items() if not value.is_floating_point()]
+    if odd:
+        raise InputError(
+            f"{path}: {odd[0]} holds {weights[odd[0]].dtype}, and floating-point weights are wanted"
+        )
+    weights = {key: value.float() for key, value in weights.items()}
     if not all(bool(value.isfinite().all()) for value in weights.values()):
         raise InputError(
             f"{path}: has weights that are not finite; the training diverged, or the file is damaged"
@@ -128,14 +158,14 @@ def read_tensors(path: Path, wanted: str) -> tuple[dict[str, Tensor], dict[str, 
     Raises:
         InputError: no such file, not safetensors, or not of format `wanted` and a version that this one reads.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; `imgtransfer train` writes it")
+    check_regular(path, "a file that `imgtransfer train` wrote")
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118, not a dict
         header = json.loads(metadata.get("imgtransfer", "{}"))
-    except (SafetensorError, OSError, json.JSONDecodeError) as error:
+    # A header may be nested without end, and name types that PyTorch has none of.
+    except (SafetensorError, OSError, ValueError, TypeError, KeyError, RuntimeError, MemoryError) as error:
         raise InputError(f"{path}: not a readable safetensors file ({_line(error)})") from error
     header = header if isinstance(header, dict) else {}
     found = (header.get("format"), header.get("format_version"))

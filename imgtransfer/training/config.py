@@ -39,9 +39,9 @@ class DataConfig(_Section):
     """A data set folder, a folder of clip npz files or one such file; relative to the working folder."""
     train: ClipChoice = ClipChoice(split="train")
     validation: ClipChoice = ClipChoice(split="validation")
-    validation_frames: int = Field(default=64, ge=1)
+    validation_frames: int = Field(default=64, ge=1, le=10**6)
     """Frames, spread evenly over the validation clips, that each validation measures."""
-    cache_gb: float = Field(default=8.0, gt=0)
+    cache_gb: float = Field(default=8.0, gt=0, le=1e5)
     """Memory for training frames that have been read, in 10⁹ bytes (validation frames get as much at most). Data that
     fit are read once; larger data about once an epoch, and are then mixed within half of this memory at a time."""
 
@@ -51,15 +51,15 @@ class TrainingConfig(_Section):
     own.
     """
 
-    steps: int = Field(default=100_000, ge=1)
-    batch_frames: int = Field(default=8, ge=1)
+    steps: int = Field(default=100_000, ge=1, le=10**9)
+    batch_frames: int = Field(default=8, ge=1, le=4096)
     optimizer: Literal["adam", "adamw"] = "adam"
-    learning_rate: float = Field(default=1e-4, gt=0)
+    learning_rate: float = Field(default=1e-4, gt=0, le=10)
     schedule: Literal["constant", "cosine"] = "constant"
     """The learning rate after the warm-up; cosine falls to 0 at the last step."""
-    warmup_steps: int = Field(default=0, ge=0)
-    weight_decay: float = Field(default=0.0, ge=0)
-    gradient_clip: float | None = Field(default=None, gt=0)
+    warmup_steps: int = Field(default=0, ge=0, le=10**9)
+    weight_decay: float = Field(default=0.0, ge=0, le=100)
+    gradient_clip: float | None = Field(default=None, gt=0, le=1e9)
     """Greatest norm of a network's gradient; None leaves it."""
     mirror: bool = False
     """Show half of the frames mirrored left to right, as images (columns flipped, x negated)."""
@@ -70,8 +70,8 @@ class TrainingConfig(_Section):
     threads: int | None = Field(default=None, ge=1, le=1024)
     """CPU threads; None leaves the choice to the environment."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    validate_every_steps: int = Field(default=1000, ge=1)
-    checkpoint_every_steps: int = Field(default=1000, ge=1)
+    validate_every_steps: int = Field(default=1000, ge=1, le=10**9)
+    checkpoint_every_steps: int = Field(default=1000, ge=1, le=10**9)
     stored: Literal["float32", "float16"] = "float32"
     """Number type of the weights in model.safetensors; resuming uses float32 weights in any case."""
 

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from imgtransfer.data.source import clip_refs
 from imgtransfer.network import TransferModel, masked_l1
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
+from imgtransfer.network.room import check_room
 from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
     MODEL_FILE,
@@ -53,6 +54,8 @@ class Trainer:
         workload = Workload.of(config.maps, config.network, options.batch_frames)
         self.precision = choose_precision(options.precision, partial(bfloat16_ratio, self.device, workload))
         first = self.train_frames.first
+        if self.device.type == "cpu":
+            check_room(config.network, config.maps, batch_frames=options.batch_frames)
         # Seeded after the data and before the weights: the same seed gives the same run on any amount of
         # data.
         torch.manual_seed(options.seed)

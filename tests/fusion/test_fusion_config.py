@@ -35,7 +35,7 @@ def test_a_file_holds_only_differences(tmp_path):
     [
         ("wieght_edge: 3\n", "wieght_edge: no such setting, did you mean weight_edge"),
         ("learning_rate_m: 5\n", "learning_rate_m: a number above 0 .* is wanted, found 5"),
-        ("weight_edge: .nan\n", "weight_edge: a number from 0 on is wanted, found nan"),
+        ("weight_edge: .nan\n", "weight_edge: a number from 0 to 1e.09 is wanted, found nan"),
         ("- 1\n", "a mapping of settings is wanted, found a list"),
         ("a: [1\n", "not YAML"),
     ],

@@ -148,7 +148,7 @@ SETS: dict[str, tuple[Callable[[Path], object], str]] = {
     "metadata cut short": (lambda s: cut_short(s / "zarr.json"), "not the metadata of a Zarr v3 group"),
     "an array missing": (
         lambda s: shutil.rmtree(s / "tube/train/body_faces"),
-        "the store is damaged: body_faces",
+        "body_faces/zarr.json: no such file; the store is damaged",
     ),
     "a chunk cut short": (lambda s: cut_short(s / "tube/train/body_rest/c/0/0"), "the store is damaged"),
 }
@@ -167,7 +167,7 @@ def test_data_sets(here: Path, capsys: pytest.CaptureFixture[str], command: str,
     spoil(here / "set")
     out, data = here / "out", here / "set"
     argv = {
-        "predict": ["predict", here / "model.safetensors", data, "--out", out],
+        "predict": ["predict", here / "model.safetensors", data, "--clip", "tube/train", "--out", out],
         "train": ["train", here / "run.yaml", "--data", data, "--out", out],
         "evaluate": ["evaluate", here / "p", "--truth", data],
         "render": ["render", data, "--size", "32", "--out", out],
@@ -175,6 +175,18 @@ def test_data_sets(here: Path, capsys: pytest.CaptureFixture[str], command: str,
         "export": ["export", data, "--clip", "tube/train", "--out", out],
     }[command]
     refused(capsys, *argv, message=message, out=out)
+
+
+def test_predict_goes_on_with_the_other_clips_of_a_damaged_set(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut_short(here / "set/tube/train/body_rest/c/0/0")
+    out = here / "out"
+    assert main(["predict", str(here / "model.safetensors"), str(here / "set"), "--out", str(out)]) == 2
+    shown = capsys.readouterr()
+    assert "1 of 2 clips failed" in shown.err
+    assert "tube/train: " in shown.out
+    assert [path.name for path in out.iterdir()] == ["tube__validation"]
 
 
 def test_data_sets_of_another_version_are_not_added_to(

@@ -175,7 +175,7 @@ def test_every_command_with_a_configuration_has_set() -> None:
         (["fuse", "p", "--set", "wieght_edge=1"], "--set wieght_edge=1: wieght_edge: no such setting, did you "),
         (["fuse", "p", "--solver", "adam", "--set", "solver=adam"], "--solver decides what --set solver=adam would"),
         (["train", "c.yaml", "--data", "x", "--set", "data.source=y"], "--data decides what --set data.source=y would"),
-        (["simulate", "--out", "x", "--set", "fps=0"], "--set fps=0: fps: a number above 0 is wanted, found 0"),
+        (["simulate", "--out", "x", "--set", "fps=0"], "--set fps=0: fps: a number from 0.01 to 10000 is wanted"),
         (["simulate", "--out", "x", "--set", "cloth.fabric=silk"], "nothing to simulate"),
         (["simulate", "--out", "x", "--fps", "25", "--set", "sequences.fps=24"], "--fps decides what --set sequences."),
         (["simulate", "--out", "x", "--template", "a.obj", "--set", "garment.kind=skirt"], "--template decides what"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -95,4 +96,63 @@ def test_a_file_that_is_missing_or_no_yaml(tmp_path: Path) -> None:
         read_yaml(tmp_path / "cart.yaml")
     (tmp_path / "cart.yaml").write_text("- 1")
     with pytest.raises(InputError, match=r"cart.yaml: a mapping of settings is wanted, found a list"):
+        load_config(Cart, tmp_path / "cart.yaml")
+
+
+HOSTILE = {
+    "nested lists": ("name: " + "[" * 40_000, "nested deeper than 50 levels"),
+    "nested sections": (
+        "".join(f"{' ' * i}a:\n" for i in range(60)) + " " * 60 + "1",
+        "nested deeper than 50",
+    ),
+    "a bomb of aliases": (
+        "a0: &a0 [x, x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 40)),
+        "more than 100000 values",
+    ),
+    "an alias to itself": ("a: &a [*a]", "nested deeper than 50 levels"),
+    "an alias to nothing": ("a: *b", "undefined alias"),
+    "a key twice": ("name: a\nfront: {}\nname: b", "name is there twice, in lines 1 and 3"),
+    "a key twice in a section": ("front: {spokes: 1, spokes: 2}", "spokes is there twice, in lines 1 and 1"),
+    "a list for a key": ("? [a, b]\n: 1", "unhashable"),
+    "a tag of Python": ("name: !!python/object/apply:os.system [ls]", "could not determine a constructor"),
+    "a tag that does not fit": ("name: !!int x", "not YAML"),
+    "an empty number": ("name: !!int ''", "not YAML"),
+    "a date that is none": ("name: 2020-13-45", "not YAML"),
+    "a number without end": ("front: {spokes: " + "9" * 5000 + "}", "not YAML"),
+    "two documents": ("name: a\n---\nname: b", "expected a single document"),
+    "a text": ("cart", "a mapping of settings is wanted, found only 'cart'"),
+    "control codes": ("name: a\x00b", "special characters are not allowed"),
+    "far too much text": ("# " + "x" * 1_000_000, "bytes of text"),
+    "numbers for keys": ("1: 2", "1: keys should be strings"),
+}
+
+
+@pytest.mark.parametrize("fault", HOSTILE)
+def test_text_that_means_harm_is_one_short_line(tmp_path: Path, fault: str) -> None:
+    content, message = HOSTILE[fault]
+    (tmp_path / "cart.yaml").write_text(content)
+    with pytest.raises(InputError) as caught:
+        load_config(Cart, tmp_path / "cart.yaml")
+    said = str(caught.value)
+    assert said.startswith(f"{tmp_path}/cart.yaml: ")
+    assert message in said
+    assert "\n" not in said
+    assert len(said) < 500
+
+
+def test_aliases_and_merged_keys_are_understood(tmp_path: Path) -> None:
+    (tmp_path / "cart.yaml").write_text(
+        "front: &wheel {spokes: 3}\nspare: [*wheel, {<<: *wheel, spokes: 4}]\n"
+    )
+    assert load_config(Cart, tmp_path / "cart.yaml").spare == (Wheel(spokes=3), Wheel(spokes=4))
+
+
+def test_changes_nest_no_deeper_than_files() -> None:
+    with pytest.raises(InputError, match=r"section\.key=value is wanted"):
+        with_changes({}, [".".join("a" * 5000) + "=1"])
+
+
+def test_a_pipe_is_no_configuration(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "cart.yaml")
+    with pytest.raises(InputError, match="a pipe or a device"):
         load_config(Cart, tmp_path / "cart.yaml")

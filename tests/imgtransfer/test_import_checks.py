@@ -98,6 +98,9 @@ def test_every_second_frame_is_no_gap(tmp_path: Path) -> None:
         ([0, 1, 3, 4], r"shirt_0\.obj and shirt_4\.obj: 2 \(4 files"),
         ([0, 2, 3], "missing"),
         ([1, 2, 9], r"3, 4, 5, 6, 7 \.\.\."),
+        ([20260101000000, 20260101000001, 20260201000000], "20260101000002, 20260101000003,.* ... .3 files"),
+        ([1, 2, 10**30], "3, 4, 5, 6, 7 ... .3 files"),
+        ([1, 3, 6], "uneven steps|5"),
     ],
 )
 def test_missing_frames_are_named(tmp_path: Path, numbers: list[int], message: str) -> None:

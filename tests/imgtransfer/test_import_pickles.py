@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_matrix, csr_matrix
 
+from imgtransfer.importers.files import check_shape
 from imgtransfer.importers.model_pickles import load_model_pickle
 from imgtransfer.importers.pickles import load_pickle
 from render import InputError
@@ -227,3 +228,57 @@ def test_sparse_matrices_of_model_files_become_dense(tmp_path: Path) -> None:
     (tmp_path / "model.pkl").write_bytes(pickle.dumps({"J_regressor": made}, protocol=2))
     with pytest.raises(InputError, match="not a whole pickle"):
         load_model_pickle(tmp_path / "model.pkl")
+
+
+def test_what_is_held_many_times_is_read_once(tmp_path: Path) -> None:
+    nested: Any = np.array([1.0, "x"], object)
+    lists: Any = [1.0]
+    for _ in range(60):  # 2^60 entries, if each were taken by itself
+        outer = np.empty(2, object)
+        outer[:] = [nested, nested]
+        nested, lists = outer, [lists, lists]
+    (tmp_path / "data.pkl").write_bytes(pickle.dumps({"arrays": nested, "lists": lists}))
+    found = load_pickle(tmp_path / "data.pkl")
+    assert found["arrays"][0] is found["arrays"][1]
+    with pytest.raises(InputError, match=r"data.pkl: lists holds more than \d+ numbers in lists"):
+        check_shape("data.pkl", "lists", found["lists"], (None, 3))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\x80\x04\x8e" + struct.pack("<Q", 1 << 62) + b"x.",  # bytes of 4 EiB
+        b"\x80\x05\x96" + struct.pack("<Q", 1 << 50) + b"x.",  # a bytearray of 1 PiB
+        b"\x80\x04\x95" + struct.pack("<Q", 1 << 62) + b"N.",  # a frame of 4 EiB
+        b"(" * 100_000 + b".",
+        b"\x80\x02" + b"]" * 100_000 + b"a" * 99_999 + b".",
+    ],
+)
+def test_sizes_that_cannot_be_are_no_traceback(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "data.pkl").write_bytes(content)
+    with pytest.raises(InputError, match=r"data.pkl: not a whole pickle file"):
+        load_pickle(tmp_path / "data.pkl")
+
+
+def test_a_sparse_matrix_that_would_fill_the_memory_is_refused(tmp_path: Path) -> None:
+    matrix = csr_matrix((np.ones(1), ([0], [0])), shape=(10**6, 10**6))
+    (tmp_path / "model.pkl").write_bytes(pickle.dumps({"J_regressor": matrix}))
+    with pytest.raises(InputError, match="sparse matrix of 1000000 x 1000000"):
+        load_model_pickle(tmp_path / "model.pkl")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([[1, 2], [3]], "must be an array of numbers"),
+        (np.array([[np.nan, 1, 2]]), "holds nan, which is not finite"),
+        (np.array([[1e300, 1, 2]]), r"holds 1e\+300, which is not finite"),
+        (np.zeros((0, 3)), r"found float64 \(0, 3\)"),
+        (np.array([["a", "b", "c"]]), "found <U1"),
+        (None, "found object"),
+        (10**400, "found object"),
+    ],
+)
+def test_values_that_are_no_arrays_are_named(values: object, message: str) -> None:
+    with pytest.raises(InputError, match=rf"file: key .*{message}"):
+        check_shape("file", "key", values, (None, 3))

@@ -108,7 +108,7 @@ def test_the_papers_config_has_the_papers_sizes() -> None:  # section 4.2, appen
         (
             "data: {source: x}",
             ("training.steps=0",),
-            "--set training.steps=0: training.steps: a whole number from 1 on",
+            "--set training.steps=0: training.steps: a whole number from 1 to 1e.09",
         ),
         ("data: {source: x}", ("training.steps",), "section.key=value is wanted"),
         ("data: {source: x}", ("data.source.y=1",), "--set data.source.y=1: .* is not a section"),

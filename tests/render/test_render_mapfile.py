@@ -1,4 +1,6 @@
 import dataclasses
+import os
+import struct
 
 import numpy as np
 import OpenEXR
@@ -229,6 +231,25 @@ def drop_channel(path, name):
     OpenEXR.File(header, channels).write(str(path))
 
 
+def set_header(path, **changes):
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = {key: channel.pixels.copy() for key, channel in file.channels().items()}
+        header = {key: value for key, value in file.header().items() if key != "channels"} | changes
+    OpenEXR.File(header, channels).write(str(path))
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:-50])
+
+
+def widen(path, length):
+    """Let the header say that the image is `length` pixels high and wide."""
+    content = path.read_bytes()
+    start = content.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
+    window = struct.pack("<4i", 0, 0, length - 1, length - 1)
+    path.write_bytes(content[:start] + window + content[start + 16 :])
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -244,9 +265,74 @@ def drop_channel(path, name):
         (lambda f: drop_channel(f / "00000.0.exr", "boxLo"), "its header lacks 'boxLo'"),
         (lambda f: drop_channel(f / "00000.0.exr", "frame"), "its header lacks 'frame'"),
         (lambda f: [path.unlink() for path in f.glob("*.exr")], "no .exr files in it"),
+        (lambda f: cut(f / "00001.2.exr"), r"00001\.2\.exr: not a readable OpenEXR file"),
+        (lambda f: widen(f / "00001.2.exr", 9000), r"00001\.2\.exr: 9000 x 9000 pixels of 9 channels"),
+        (lambda f: widen(f / "00001.2.exr", -5), "not a readable OpenEXR file|-5 x -5 pixels"),
+        (lambda f: set_header(f / "00001.1.exr", rotation="none"), "'rotation' .* must have shape"),
+        (
+            lambda f: set_header(f / "00001.1.exr", rotation=np.eye(3) * 2),
+            "'rotation' .* is not that of 00001.0",
+        ),
+        (lambda f: set_header(f / "00000.0.exr", viewMatrix=np.eye(3)), "'viewMatrix' .* must have shape"),
+        (lambda f: set_header(f / "00000.0.exr", boxLo="low"), "'boxLo' .* must have shape"),
+        (lambda f: set_header(f / "00000.0.exr", frame=-1), "'frame' in its header must be a whole number"),
+        (lambda f: set_header(f / "00000.0.exr", frame=999_999), "frame 0, image 0 is missing"),
+        (lambda f: [set_header(file, fps="fast") for file in f.glob("*.exr")], "fps one number"),
+        (lambda f: [set_header(file, fps="inf") for file in f.glob("*.exr")], "fps is inf"),
+        (
+            lambda f: [path.unlink() for path in [f / "00000.1.exr"]] and os.mkfifo(f / "00000.1.exr"),
+            "a pipe",
+        ),
     ],
 )
 def test_folders_that_cannot_be_used(folder, spoil, message):
     spoil(folder)
     with pytest.raises(InputError, match=message):
         load_maps(folder)
+
+
+def test_damaged_images_print_nothing(folder, capfd):
+    cut(folder / "00001.2.exr")
+    with pytest.raises(InputError):
+        load_maps(folder)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rotation": np.stack([np.eye(3), np.diag([1.0, 1, -1])])}, "that of frame 1 mirrors"),
+        ({"rotation": np.stack([np.eye(3), np.eye(3) * 1.1])}, "that of frame 1 is none"),
+        ({"rotation": np.zeros((2, 3, 3))}, "that of frame 0 is none"),
+        (
+            {"translation": np.array([[0, 0, 0], [0, 1e300, 0]])},
+            r"translation: vertex 1 is .* beyond ±10000 m",
+        ),
+        ({"fps": np.inf}, "fps is inf"),
+        ({"fps": np.nan}, "fps is nan"),
+        ({"fps": 1e9}, "fps is 1000000000.0"),
+        ({"box_hi": np.full(3, 1e300)}, "position box"),
+        ({"box_hi": np.full(3, 1e5)}, "position box"),
+        ({"view_matrices": np.tile(np.eye(4) * 1e300, (4, 1, 1))}, "view must be a finite"),
+        ({"layers": np.full(4, 10**9)}, "layer must be a whole number from 0 to 63"),
+    ],
+)
+def test_values_that_cannot_be_meant(maps, changes, message):
+    with pytest.raises(InputError, match=message):
+        dataclasses.replace(maps, **changes)
+
+
+@pytest.mark.parametrize(("name", "value"), [("position", 1e30), ("normal", -1e30), ("confidence", 1e30)])
+def test_pixels_that_cannot_be_meant(maps, name, value):
+    row, column = np.argwhere(maps.mask[0])[0]
+    changed = getattr(maps, name).copy()
+    changed[1, 0, row, column] = value
+    with pytest.raises(InputError, match=f"{name} .*1e.30"):
+        dataclasses.replace(maps, **{name: changed})
+
+
+def test_what_lies_off_the_silhouette_may_be_anything_finite(maps):
+    row, column = np.argwhere(~maps.mask[0])[0]
+    changed = maps.position.copy()
+    changed[1, 0, row, column] = 1e30
+    assert dataclasses.replace(maps, position=changed).position[1, 0, row, column, 0] == np.float32(1e30)

@@ -1,0 +1,16 @@
+"""Whether there is memory for what somebody asks for, before it is taken."""
+
+from __future__ import annotations
+
+from render.errors import InputError
+from render.npz import available_bytes
+
+
+def check_memory(needed: int, what: str) -> None:
+    """Raise InputError where `what` needs more bytes than are free, if the system says how many are."""
+    free = available_bytes()
+    if free is not None and needed > free:
+        raise InputError(
+            f"{what} need {needed / 2**30:.1f} GiB of memory, and {free / 2**30:.1f} GiB are free; fewer or smaller "
+            "ones are wanted"
+        )

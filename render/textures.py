@@ -1,0 +1,76 @@
+"""Paths of images in material libraries (MTL). One comes from anywhere and must not lead to other people's files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+_KEYWORDS = ("map_", "bump", "disp", "norm")
+IMAGES = (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".dds")
+_LARGEST = 1 << 28  # bytes
+_STARTS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM", b"II*\0", b"MM\0*", b"v/1\x01", b"#?", b"DDS ")
+
+
+def change_paths(mtl: str, change: Callable[[str], str | None]) -> str:
+    """The text with other paths of images.
+
+    Args:
+        mtl: the library.
+        change: called with what may be the path, the longest first (options come before it, and it may have spaces),
+            until it returns the new path; where it returns None for all of them, the line stays.
+    """
+    return "".join(f"{_changed(line, change)}\n" for line in mtl.splitlines())
+
+
+def _changed(line: str, change: Callable[[str], str | None]) -> str:
+    keyword, *words = line.split() or [""]
+    if keyword.startswith(_KEYWORDS):
+        for start in range(len(words)):
+            path = change(" ".join(words[start:]))
+            if path is not None:
+                return " ".join([keyword, *words[:start], path])
+    return line
+
+
+def with_full_paths(mtl: str, folder: Path | None) -> str:
+    """The text with full paths to those images that are there, and bare names for all other full paths.
+
+    Args:
+        mtl: a library from a file.
+        folder: under which its images must be, links followed; None finds none.
+    """
+
+    def found(path: str) -> str | None:
+        image = None if folder is None else image_under(folder, path)
+        return None if image is None else str(image)
+
+    def bare(path: str) -> str | None:
+        allowed = folder is not None and image_under(folder, path) is not None
+        return Path(path).name if Path(path).is_absolute() and not allowed else None
+
+    return change_paths(change_paths(mtl, found), bare)
+
+
+def image_under(folder: Path, path: str) -> Path | None:
+    """The file that a path names, relative to a folder or in full, if it is named as an image and under the folder."""
+    try:
+        image = (folder / path).resolve()
+        named = Path(path).suffix.lower() in IMAGES and image.suffix.lower() in IMAGES
+        return image if named and image.is_relative_to(folder.resolve()) and image.is_file() else None
+    except (OSError, ValueError, RuntimeError):  # too long, a zero byte, links in a circle
+        return None
+
+
+def is_image(path: Path) -> bool:
+    """Whether a file begins as images do, and is no larger than they are."""
+    try:
+        if not path.is_file() or not 0 < path.stat().st_size <= _LARGEST:
+            return False
+        with path.open("rb") as file:
+            start = file.read(18)
+    except OSError:
+        return False
+    if path.suffix.lower() == ".tga":  # no mark: a kind of picture, its colour map and bits a pixel
+        known = len(start) == 18 and start[1] <= 1 and start[2] in (1, 2, 3, 9, 10, 11)
+        return known and start[16] in (8, 15, 16, 24, 32)
+    return start.startswith(_STARTS) or (start[:4] == b"RIFF" and start[8:12] == b"WEBP")
