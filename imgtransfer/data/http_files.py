@@ -48,7 +48,7 @@ async def _session(**options: Any) -> aiohttp.ClientSession:
     return aiohttp.ClientSession(response_class=_Response, **{**options, "timeout": patience})
 
 
-class HttpFiles(HTTPFileSystem):  # type: ignore[misc]
+class HttpFiles(HTTPFileSystem):
     """fsspec's web server, for reading, with limits.
 
     Every method may raise TimeoutError, TooMuchError, an `aiohttp.ClientError` for what the server answers, and
