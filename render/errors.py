@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 # Control codes (a terminal acts on them), line ends of every kind, and marks that turn the direction of writing.
-_UNSHOWN = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]+")
+_UNSHOWN = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
 _LONGEST = 1400  # characters
 
 

@@ -49,7 +49,7 @@ class Npz:
 
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         self._path, self._archive = path, archive
-        members = [info for info in archive.infolist() if not info.is_dir()]
+        members = [info for info in archive.infolist() if not info.filename.endswith("/")]
         self._members = {info.filename.removesuffix(SUFFIX): info for info in members}
         if len(self._members) < len(members):
             raise InputError(f"{path}: holds two arrays of one name; write it again")

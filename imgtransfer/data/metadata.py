@@ -209,8 +209,8 @@ def validated(model: type[Model], values: Any, where: str) -> Model:
     """
     try:
         return model.model_validate(values)
-    except UnicodeEncodeError as error:  # half of a surrogate pair
-        raise InputError(f"{where}: holds text that is no Unicode ({error.reason})") from error
+    except UnicodeError as error:  # half of a pair of UTF-16, which JSON can spell
+        raise InputError(f"{where}: holds text that is none ({error}); write it again") from error
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))

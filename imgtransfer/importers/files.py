@@ -108,7 +108,5 @@ def check_shape(source: str, name: str, values: object, shape: tuple[int | None,
         )
     largest = float(np.abs(array).max())
     if not largest <= _LARGEST:  # also where it is not a number
-        raise InputError(
-            f"{source}: {name} holds {largest:.3g}; finite numbers below {_LARGEST:g} are wanted"
-        )
+        raise InputError(f"{source}: {name} holds {largest:.3g}, which is not finite or beyond {_LARGEST:g}")
     return array
