@@ -11,6 +11,7 @@ import numpy as np
 
 from imgtransfer.data.clip import REQUIRED, Clip, clip_of
 from imgtransfer.data.clip_checks import plain
+from imgtransfer.importers.axes import Axes
 from render import InputError, load_mesh
 from render.files import check_regular
 from render.mesh import check_faces, check_finite
@@ -76,22 +77,28 @@ class Pins:
         return np.broadcast_to(self.positions, (frames, *self.positions.shape))
 
 
-def load_moving(path: Path, kind: Kind) -> Moving:
+def is_meshes(path: Path) -> bool:
+    """Whether `load_moving` would read mesh files, whose coordinates may lie in any way, at a path."""
+    return path.is_dir() or path.suffix.lower() in SUFFIXES
+
+
+def load_moving(path: Path, kind: Kind, axes: Axes | None = None) -> Moving:
     """Read a body or a garment in motion.
 
     Args:
         path: a clip npz, or an npz with `<kind>_faces` (G, 3) and `<kind>_vertices` (T, B, 3); or one mesh file for a
             single frame; or a folder of mesh files, a frame each, ordered by name.
         kind: which of a clip's surfaces, and what the arrays are called.
+        axes: how mesh files lie; None for metres, y up. Arrays are metres, y up, always.
 
     Raises:
         InputError: no such file, a damaged one, or arrays that are missing or of a wrong shape.
     """
     if path.is_dir():
-        return _from_meshes(path)
+        return _from_meshes(path, axes or Axes())
     if path.suffix.lower() in SUFFIXES:
         mesh = load_mesh(path)
-        return Moving(mesh.faces, mesh.vertices[None].astype(np.float32))
+        return Moving(mesh.faces, (axes or Axes()).apply(mesh.vertices[None]).astype(np.float32))
     names = (f"{kind}_faces", f"{kind}_vertices")
     wanted = f"an npz with {' and '.join(names)}, or mesh files ({', '.join(SUFFIXES)}),"
     with open_npz(path, wanted) as npz:
@@ -153,7 +160,7 @@ def load_pins(path: Path) -> Pins:
     return Pins(indices.astype(np.int64), positions, str(path))
 
 
-def _from_meshes(folder: Path) -> Moving:
+def _from_meshes(folder: Path, axes: Axes) -> Moving:
     files = sorted(entry for entry in folder.iterdir() if entry.suffix.lower() in SUFFIXES)
     if not files:
         raise InputError(f"{folder}: no mesh file in it ({', '.join(SUFFIXES)})")
@@ -165,7 +172,8 @@ def _from_meshes(folder: Path) -> Moving:
                 f"{mesh.source}: {len(mesh.vertices)} vertices and {len(mesh.faces)} faces; every frame must have "
                 f"those of {first.source}, {len(first.vertices)} and {len(first.faces)}, in the same order"
             )
-    return Moving(first.faces, np.stack([mesh.vertices for mesh in meshes]).astype(np.float32))
+    vertices = np.stack([mesh.vertices for mesh in meshes])
+    return Moving(first.faces, axes.apply(vertices).astype(np.float32))
 
 
 def _numbers(path: Path) -> np.ndarray:

@@ -1,18 +1,19 @@
-"""The README's commands: every line parses, every file it names is there, and the quick ones run."""
+"""Commands in the README, the pages and the help: every line parses, files it names are there, quick ones run."""
 
 from __future__ import annotations
 
 import re
 import shlex
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
 
 from imgtransfer.cli.main import COMMANDS, build_parser, main
+from imgtransfer.cli.parser import Parser
 
 PROJECT = Path(__file__).parents[1]
 README = (PROJECT / "README.md").read_text()
-BLOCKS = re.findall(r"^```(?:bash|sh|shell|console)\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 NAMES = {name.rstrip("_") for name in COMMANDS}  # the module of `import` is import_
 IN_PROJECT = {
     "configs",
@@ -23,14 +24,74 @@ IN_PROJECT = {
 }  # not what the commands themselves write
 
 
+SHELL = {"|", ">", "&&"}  # where a command's own words end
+
+
+def commands(text: str) -> list[list[str]]:
+    """Every command in lines of shell, as words: without comments and prompts, continued lines joined."""
+    lines = [shlex.split(line.strip().removeprefix("$ "), comments=True) for line in text.splitlines()]
+    return [list(takewhile(lambda word: word not in SHELL, words)) for words in lines if words]
+
+
+def blocks(text: str) -> str:
+    """The shell of a page: what stands between fences of shell, or is indented and begins with our command."""
+    fenced = re.findall(r"^```(?:bash|sh|shell|console)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    joined = "".join(fenced).replace("\\\n", " ")
+    indented = re.findall(r"^ {4}(imgtransfer .*)$", text.replace("\\\n", " "), re.MULTILINE)
+    return "\n".join([joined, *indented])
+
+
 def command_lines() -> list[list[str]]:
-    """Every command in a block of shell, as words: without comments and prompts, continued lines joined."""
-    text = "".join(BLOCKS).replace("\\\n", " ")
-    lines = [shlex.split(line.removeprefix("$ "), comments=True) for line in text.splitlines()]
-    return [words for words in lines if words]
+    """The README's commands, as words."""
+    return commands(blocks(README))
 
 
-OURS = [words[1:] for words in command_lines() if Path(words[0]).name == "imgtransfer"]
+def ours(lines: list[list[str]]) -> list[list[str]]:
+    return [words[1:] for words in lines if Path(words[0]).name == "imgtransfer"]
+
+
+OURS = ours(command_lines())
+PAGES = {
+    page.relative_to(PROJECT): page
+    for folder in ("docs", "configs")
+    for page in (PROJECT / folder).rglob("*.md")
+}
+OF_PAGES = [
+    pytest.param(words, id=f"{page}: {' '.join(words)}")
+    for page, path in sorted(PAGES.items())
+    for words in ours(commands(blocks(path.read_text())))
+]
+
+
+def examples() -> dict[str, tuple[str, ...]]:
+    """The examples that each command's help ends with, and those of the whole."""
+    parser = build_parser()
+    assert isinstance(parser, Parser)
+    (commands,) = (action for action in parser._actions if isinstance(action.choices, dict))
+    return {"": parser.examples} | {name: one.examples for name, one in commands.choices.items()}
+
+
+def test_every_help_ends_with_two_examples() -> None:
+    assert set(examples()) == {"", *NAMES}
+    for name, lines in examples().items():
+        assert len(lines) == 2, name
+        assert all(line.startswith(f"imgtransfer {name}") for line in lines)
+
+
+@pytest.mark.parametrize("line", [line for lines in examples().values() for line in lines])
+def test_an_example_parses_and_names_what_is_there(line: str) -> None:
+    ((_, *words),) = commands(line)
+    assert callable(build_parser().parse_args(words).run)
+    test_the_files_that_a_line_names_are_there(words)
+
+
+def test_pages_show_commands() -> None:
+    assert len(OF_PAGES) > 10
+
+
+@pytest.mark.parametrize("words", OF_PAGES)
+def test_a_line_of_a_page_parses(words: list[str]) -> None:
+    assert callable(build_parser().parse_args(words).run)
 
 
 def test_the_readme_shows_every_command() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from shlex import join
 from typing import TYPE_CHECKING
 
+from imgtransfer.cli.mesh_options import OF_AXES, OF_GARMENT_AXES, add_axes
 from imgtransfer.cli.options import (
     add_changes,
     add_clip_names,
@@ -32,7 +33,8 @@ from render.limits import MAX_LENGTH
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.fusing import Fused, Given, Ways
 
-SINGLE = ("out", "template", "initial", "body", "under", "pins")  # options of the form with --maps
+# Options of the form with --maps.
+SINGLE = ("out", "template", "initial", "body", "under", "pins", *OF_AXES, *OF_GARMENT_AXES, "weld")
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -115,6 +117,13 @@ def _add_single(group: argparse._ArgumentGroup) -> None:
         help="vertices that stay in place: a text file of their numbers, counted from 0, or an npz with indices (P,) "
         "and, to say where, positions (P, 3) or (frames, P, 3)",
     )
+    add_axes(group)
+    group.add_argument(
+        "--weld",
+        action="store_true",
+        help="join the split seams of --template, as `imgtransfer render --weld` did for the maps; --initial and "
+        "--pins then have the file's vertices, and so have the meshes that are written",
+    )
 
 
 def run(args: argparse.Namespace) -> None:
@@ -153,8 +162,9 @@ def _check_form(args: argparse.Namespace) -> None:
         raise InputError(f"--erode {args.erode}: a whole number of pixels from 0 to {MAX_LENGTH} is wanted")
     if args.maps is None:
         for option in SINGLE:
-            if getattr(args, option) is not None:
-                raise InputError(f"fuse: --{option} goes with --maps; PREDICTIONS have that in their folders")
+            if getattr(args, option) not in (None, False):
+                name = option.replace("_", "-")
+                raise InputError(f"fuse: --{name} goes with --maps; PREDICTIONS have that in their folders")
     elif args.ray is not None or args.workers != 1:
         raise InputError("fuse: --workers and --ray go with PREDICTIONS; --maps is one clip")
     elif args.clip is not None:
@@ -186,21 +196,13 @@ def _check_device(device: str) -> None:
 
 def _fuse_file(args: argparse.Namespace, ways: Ways) -> None:
     """Fuse --maps; the folder --out appears whole or not at all."""
-    from imgtransfer.fusing import Given, save_fused  # noqa: PLC0415
-    from imgtransfer.moving import load_moving, load_pins  # noqa: PLC0415
+    from imgtransfer.cli.fuse_files import given_files  # noqa: PLC0415
+    from imgtransfer.fusing import save_fused  # noqa: PLC0415
     from imgtransfer.report.fusion_history import fusion_table  # noqa: PLC0415
-    from render import load_mesh  # noqa: PLC0415
     from render.files import written_whole_folder  # noqa: PLC0415
 
     check_replaceable(args.out, "--out")
-    given = Given(
-        template=load_mesh(args.template) if args.template else None,
-        initial=load_moving(args.initial, "garment") if args.initial else None,
-        body=load_moving(args.body, "body") if args.body else None,
-        under=load_moving(args.under, "garment") if args.under else None,
-        pins=load_pins(args.pins) if args.pins else None,
-    )
-    result = _fused(args.maps, given, args, ways)
+    result = _fused(args.maps, given_files(args), args, ways)
     with written_whole_folder(args.out) as folder:
         save_fused(folder, result, meshes=args.meshes)
     print(fusion_table(result.report))

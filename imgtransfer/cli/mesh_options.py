@@ -11,6 +11,10 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.importers.axes import Axes
 
 
+OF_AXES = ("up", "facing", "unit", "scale")  # as `add_axes` calls them
+OF_GARMENT_AXES = ("garment_up", "garment_facing", "garment_unit")
+
+
 def add_axes(group: argparse._ArgumentGroup) -> None:
     """Add --up, --facing, --unit, --scale and the garment's own; a minus needs the equals sign: --facing=-y."""
     axes = "x, y, z, -x, -y or -z"
@@ -43,6 +47,28 @@ def chosen_axes(args: argparse.Namespace) -> tuple[Axes, Axes | None]:
     up = args.garment_up or axes.up
     facing = args.garment_facing or (axes.facing if up == axes.up else usual_facing(up))
     return axes, Axes(up, facing, _metres("--garment-unit", args.garment_unit) or scale)
+
+
+def check_axes_used(args: argparse.Namespace, *, body: bool, garment: bool, wanted: str) -> None:
+    """Raise InputError where an option of `add_axes` would do nothing.
+
+    Args:
+        body, garment: whether there are mesh files of a body and of a garment.
+        wanted: what the options go with, for the message.
+    """
+    given = [option for option in (*OF_AXES, *OF_GARMENT_AXES) if getattr(args, option) is not None]
+    if not (body or garment):
+        unused = given
+    elif not garment:
+        unused = [option for option in given if option in OF_GARMENT_AXES]
+    elif not body:
+        said = {option.removeprefix("garment_") for option in given if option in OF_GARMENT_AXES}
+        said |= {"scale"} & ({"scale"} if "unit" in said else set())
+        unused = [option for option in given if option in said]
+    else:
+        unused = []
+    if unused:
+        raise InputError(f"--{unused[0].replace('_', '-')} does nothing here: it goes with {wanted}")
 
 
 def _metres(option: str, unit: str | None) -> float | None:

@@ -22,8 +22,8 @@ class Parser(argparse.ArgumentParser):
         examples: command lines that the help ends with.
     """
 
-    def __init__(self, *args: Any, examples: Sequence[str] = (), **kwargs: Any) -> None:
-        super().__init__(*args, **{**kwargs, "allow_abbrev": False, "formatter_class": _Formatter})
+    def __init__(self, *, examples: Sequence[str] = (), **kwargs: Any) -> None:
+        super().__init__(allow_abbrev=False, formatter_class=_Formatter, **kwargs)
         self.examples = tuple(examples)
         if examples:
             self.epilog = "\n".join(("examples:", *(f"  {line}" for line in examples)))

@@ -7,6 +7,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imgtransfer.cli.mesh_options import (
+    OF_AXES,
+    OF_GARMENT_AXES,
+    add_axes,
+    check_axes_used,
+    chosen_axes,
+)
 from imgtransfer.cli.options import (
     add_clip_choice,
     add_views,
@@ -23,7 +30,7 @@ if TYPE_CHECKING:
     from imgtransfer.rendering.output import Options
     from imgtransfer.rendering.scene import Scene
 
-MESH_OPTIONS = ("body", "body_template", "fps")  # options that only go with --template
+MESH_OPTIONS = ("body", "body_template", "fps", *OF_AXES, *OF_GARMENT_AXES, "weld")  # only with --template
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -69,13 +76,17 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         default="auto",
         help="what rasterises; default the first that works",
     )
-    meshes = parser.add_argument_group("plain mesh files (metres, y up, facing +z)")
+    meshes = parser.add_argument_group("plain mesh files")
     meshes.add_argument(
         "--template", type=Path, help="the garment at rest; SOURCE is then the garment in motion"
     )
     meshes.add_argument("--body", type=Path, metavar="FRAMES", help="the body in motion")
     meshes.add_argument("--body-template", type=Path, metavar="FILE", help="the body at rest")
     meshes.add_argument("--fps", type=float, help="frames a second, for the map files; default 30")
+    add_axes(meshes)
+    meshes.add_argument(
+        "--weld", action="store_true", help="join split seams, so that normals are smooth across them"
+    )
     return parser
 
 
@@ -112,7 +123,9 @@ def _scenes(args: argparse.Namespace) -> Iterator[tuple[Scene, Scene | None]]:
     if args.template is not None:
         yield _meshes(args, args.source), None if args.against is None else _meshes(args, args.against)
         return
-    given = [f"--{name.replace('_', '-')}" for name in MESH_OPTIONS if getattr(args, name) is not None]
+    given = [
+        f"--{name.replace('_', '-')}" for name in MESH_OPTIONS if getattr(args, name) not in (None, False)
+    ]
     if given:
         raise InputError(f"{', '.join(given)}: only for plain meshes, together with --template")
     _check_no_meshes(args.source)
@@ -144,9 +157,20 @@ def _meshes(args: argparse.Namespace, frames: str) -> Scene:
 
     if args.split is not None or args.clip is not None:
         raise InputError("--split and --clip choose among clips; with --template there are none")
-    fps = 30.0 if args.fps is None else args.fps
+    check_axes_used(
+        args, body=args.body is not None, garment=True, wanted="a body; without one --garment-... says it all"
+    )
+    axes, garment_axes = chosen_axes(args)
     scene = mesh_scene(
-        args.template, Path(frames), body_template=args.body_template, body=args.body, root=args.root, fps=fps
+        args.template,
+        Path(frames),
+        body_template=args.body_template,
+        body=args.body,
+        root=args.root,
+        fps=30.0 if args.fps is None else args.fps,
+        axes=axes,
+        garment_axes=garment_axes,
+        welding=args.weld,
     )
     return _cut(args, scene)
 

@@ -96,6 +96,6 @@ def weld_motion(vertices: np.ndarray, welded: Welded, *, source: str, part: floa
         other = welded.chosen[welded.mesh.surface.vertices[vertex]]
         raise InputError(
             f"{source}: vertices {other} and {vertex} lie on each other in the rest pose but part by "
-            f"{1000 * gap[frame, vertex]:.0f} mm in frame {frame}; this is no seam: import without --weld"
+            f"{1000 * gap[frame, vertex]:.0f} mm in frame {frame}; this is no seam: leave out --weld"
         )
     return moved

@@ -9,7 +9,9 @@ import numpy as np
 
 from imgtransfer.data.canonical import RootFrames, RootMode, root_frames
 from imgtransfer.data.clip import Clip
+from imgtransfer.importers.axes import Axes
 from imgtransfer.importers.frames import read_moving_mesh
+from imgtransfer.importers.weld import weld, weld_motion
 from render import InputError, Mesh, load_mesh
 from render.meshio import SUFFIXES
 
@@ -71,6 +73,9 @@ def mesh_scene(
     body: Path | None = None,
     root: RootMode | None = None,
     fps: float = 30.0,
+    axes: Axes | None = None,
+    garment_axes: Axes | None = None,
+    welding: bool = False,
 ) -> Scene:
     """Plain mesh files.
 
@@ -81,12 +86,16 @@ def mesh_scene(
         root: the canonical frame, found by fitting the body at rest to each frame; None: the meshes lie in it
             already. Needs a body.
         fps: frames a second.
+        axes: how the files' coordinates lie; None for metres, y up, facing +z. garment_axes: the garment's, where
+            they lie otherwise.
+        welding: join split seams, so that normals are smooth across them.
 
     Raises:
         InputError: files that are missing, cannot be read or do not belong together; only one of the body's two; a
-            root without a body.
+            root without a body; welded seams that part.
     """
-    garment = _moved(load_mesh(template), frames)
+    axes = axes or Axes()
+    garment = _moved(load_mesh(template), frames, garment_axes or axes, welding)
     name = template.stem if frames.is_dir() or any(sign in frames.name for sign in "*?[") else frames.stem
     if (body_template is None) != (body is None):
         raise InputError("--body and --body-template belong together: the body in motion, and at rest")
@@ -96,7 +105,7 @@ def mesh_scene(
         count = len(garment.vertices)
         still = RootFrames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
         return Scene(name, garment.rest, {"garment": garment}, still, fps, range(count))
-    dressed = _moved(load_mesh(body_template), body)
+    dressed = _moved(load_mesh(body_template), body, axes, welding)
     clip = Clip(
         template_vertices=garment.rest.vertices.astype(np.float32),
         garment_faces=garment.rest.faces,
@@ -110,7 +119,7 @@ def mesh_scene(
     return clip_scene(clip, root or "heading")
 
 
-def _moved(rest: Mesh, frames: Path) -> Moved:
+def _moved(rest: Mesh, frames: Path, axes: Axes, welding: bool) -> Moved:
     if frames.suffix.lower() in SUFFIXES and not any(sign in frames.name for sign in "*?["):
         mesh = load_mesh(frames)
         vertices = mesh.vertices[None].astype(np.float32)
@@ -123,4 +132,8 @@ def _moved(rest: Mesh, frames: Path) -> Moved:
             f"{rest.source} has {len(rest.vertices)} and {len(rest.faces)}, or others; they must be the same mesh, "
             "with its vertices in the same order"
         )
-    return Moved(rest, vertices)
+    rest, vertices = axes.of_mesh(rest), axes.apply(vertices)
+    if not welding:
+        return Moved(rest, vertices)
+    welded = weld(rest)
+    return Moved(welded.mesh, weld_motion(vertices, welded, source=str(frames)))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from fusion_examples import tube, write_example
 
 from fusion.run import fuse_maps
@@ -92,6 +93,69 @@ def test_the_template_may_come_from_a_file(folder):
     assert command(folder, *quick, out="stored") == 0
     with np.load(folder / "given" / "fused.npz") as given, np.load(folder / "stored" / "fused.npz") as stored:
         np.testing.assert_allclose(given["garment_vertices"], stored["garment_vertices"], atol=1e-5)
+
+
+def test_files_in_other_axes_and_units_give_the_same(folder):
+    """Template, body and start as mesh files in centimetres and z up, against the same in metres and y up."""
+    clip, quick = load_clip(folder / "clip.npz"), ("--config", folder / "fusion.yaml")
+    for place, change in (("plain", lambda v: v), ("other", lambda v: 100 * v[:, [0, 2, 1]] * [1, -1, 1])):
+        for name, faces, frames in (
+            ("template", clip.garment_faces, clip.template_vertices[None]),
+            ("body", clip.body_faces, clip.body_vertices),
+            ("initial", clip.garment_faces, clip.garment_vertices),
+        ):
+            (folder / place / name).mkdir(parents=True)
+            for k, vertices in enumerate(frames):
+                trimesh.Trimesh(change(vertices), faces, process=False).export(
+                    folder / place / name / f"{k}.ply"
+                )
+        files = ["--template", folder / place / "template/0.ply"]
+        files += [word for name in ("body", "initial") for word in (f"--{name}", folder / place / name)]
+        axes = ("--up=z", "--unit=cm") if place == "other" else ()
+        assert command(folder, *files, *quick, *axes, out=f"out-{place}") == 0
+    with np.load(folder / "out-plain/fused.npz") as plain, np.load(folder / "out-other/fused.npz") as other:
+        for key in ("template_vertices", "body_vertices", "garment_vertices"):
+            np.testing.assert_allclose(other[key], plain[key], atol=1e-5)
+
+
+def test_a_split_template_is_welded_for_maps_of_the_welded_one(folder, tmp_path):
+    """Every triangle its own vertices: what is written has them again, and seams stay closed."""
+    mesh, quick = load_mesh(folder / "template.obj"), ("--config", folder / "fusion.yaml")
+    clip = load_clip(folder / "clip.npz")
+    corners = mesh.faces.reshape(-1)
+    trimesh.Trimesh(mesh.vertices[corners], np.arange(len(corners)).reshape(-1, 3), process=False).export(
+        tmp_path / "split.ply"
+    )
+    np.savez(tmp_path / "start.npz", garment_faces=np.arange(len(corners)).reshape(-1, 3),
+             garment_vertices=clip.garment_vertices[:, corners])  # fmt: skip
+    (tmp_path / "pins.txt").write_text(" ".join(str(k) for k in np.flatnonzero(corners < 3)))
+    given = ("--template", tmp_path / "split.ply", "--weld", "--initial", tmp_path / "start.npz")
+    assert command(folder, *given, "--pins", tmp_path / "pins.txt", *quick, "--meshes", "ply") == 0
+    with np.load(folder / "out/fused.npz") as found:
+        assert len(found["template_vertices"]) == len(mesh.vertices) < len(corners)
+        held = np.linalg.norm(
+            found["garment_vertices"][0][:, None] - clip.garment_vertices[0][:3], axis=-1
+        ).min(0)
+        np.testing.assert_allclose(held, 0, atol=1e-6)
+    written = load_mesh(sorted((folder / "out/meshes").iterdir())[0])
+    assert len(written.vertices) == len(corners)
+    assert np.unique(written.vertices.round(7), axis=0).shape[0] == len(mesh.vertices)
+
+
+def test_options_that_would_do_nothing_are_refused(folder, capsys):
+    mesh = ("--template", folder / "template.obj")
+    for options, message in (
+        (("--unit=cm",), "--unit does nothing here: it goes with mesh files"),
+        (("--body", folder / "clip.npz", "--up=z"), "--up does nothing here"),
+        ((*mesh, "--unit=cm", "--garment-unit=cm"), "--unit does nothing here"),
+        ((*mesh, "--scale=2", "--garment-unit=cm"), "--scale does nothing here"),
+        (("--weld",), "--weld goes with --template"),
+        ((*mesh, "--unit=cm", "--scale=2"), "--unit and --scale say the same"),
+    ):
+        assert command(folder, *options) == 2
+        assert message in capsys.readouterr().err
+    assert main(["fuse", str(folder), "--weld"]) == 2
+    assert "--weld goes with --maps" in capsys.readouterr().err
 
 
 def test_an_earlier_result_is_replaced_and_other_files_are_not(folder, capsys):

@@ -12,6 +12,8 @@ import trimesh
 
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, save_clip
+from imgtransfer.importers.axes import Axes
+from imgtransfer.rendering.scene import Scene, mesh_scene
 from render import MapFile, load_maps
 
 SMALL = ("--size", "32")
@@ -222,3 +224,81 @@ def test_a_body_of_other_length_is_refused(
     body = ("--body", meshes / "body/f_00.ply", "--body-template", meshes / "body.obj")
     error = refused(capsys, tmp_path / "out", meshes / "shirt", "--template", meshes / "shirt.obj", *body)
     assert "garment_vertices must have shape (1, 192, 3)" in error
+
+
+# how the files' coordinates lie
+
+
+def foreign(points: np.ndarray) -> np.ndarray:
+    """Metres, y up, facing +z -> centimetres, z up, facing -y, as from Blender."""
+    x, y, z = np.moveaxis(100 * points, -1, 0)
+    return np.stack([x, -z, y], axis=-1)
+
+
+def turned(source: Path, folder: Path) -> Path:
+    """A copy of mesh files in `foreign` coordinates."""
+    for file in source.rglob("*.*"):
+        target = folder / file.relative_to(source)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        mesh = trimesh.load(file, process=False)
+        trimesh.Trimesh(foreign(mesh.vertices), mesh.faces, process=False).export(target)
+    return folder
+
+
+def scene(shirt: Path, body: Path, **axes: Axes) -> Scene:
+    worn = {"body_template": body / "body.obj", "body": body / "body"}
+    return mesh_scene(shirt / "shirt.obj", shirt / "shirt", **worn, root="root", **axes)
+
+
+def test_other_axes_and_units_give_the_same_scene(meshes: Path, tmp_path: Path) -> None:
+    other, blender = turned(meshes, tmp_path / "other"), Axes("z", "-y", 0.01)
+    wanted = scene(meshes, meshes)
+    for found in (scene(other, other, axes=blender), scene(other, meshes, garment_axes=blender)):
+        np.testing.assert_allclose(found.framed.vertices, wanted.framed.vertices, atol=1e-6)
+        np.testing.assert_allclose(found.frames.rotation, wanted.frames.rotation, atol=1e-5)
+        for name, mesh in wanted.meshes.items():
+            np.testing.assert_allclose(found.meshes[name].vertices, mesh.vertices, atol=1e-6)
+
+
+def test_welded_seams_have_smooth_normals(tmp_path: Path) -> None:
+    """A roof of two squares whose ridge is split: welded, one normal for both, of three triangles."""
+    roof = np.array(
+        [[-1, 0, 0], [-1, 0, 1], [0, 1, 0], [0, 1, 1], [0, 1, 0], [0, 1, 1], [1, 0, 0], [1, 0, 1.0]]
+    )
+    faces = [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6]]
+    trimesh.Trimesh(foreign(roof), faces, process=False).export(tmp_path / "roof.obj")
+    found = []
+    for out, options in (("split", ()), ("welded", ("--weld",))):
+        argv = ("--template", tmp_path / "roof.obj", "--views", "0/80", "--up=z", "--unit=cm", *options)
+        assert render(tmp_path / "roof.obj", *argv, "--out", tmp_path / out) == 0
+        maps = load_maps(tmp_path / out / "roof/garment.npz")
+        assert maps.normal is not None
+        found.append((len(maps.template_vertices), maps.normal[0][maps.mask][:, 1].max()))
+    (before, flat), (after, up) = found
+    assert (before, after) == (8, 6)
+    assert flat == pytest.approx((0.5**0.5 + 1) / 2, abs=1e-3)  # encoded: 1 is straight up
+    assert up == pytest.approx(
+        (3 / 10**0.5 + 1) / 2, abs=0.01
+    )  # of one triangle on one side, two on the other
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--unit=cm"], "--unit: only for plain meshes, together with --template"),
+        (["--weld"], "--weld: only for plain meshes, together with --template"),
+        (["--template", "shirt.obj", "--unit=cm", "--garment-unit=mm"], "--unit does nothing here"),
+        (["--template", "shirt.obj", "--unit=parsec"], "--unit parsec: one of m, cm, mm"),
+        (["--template", "shirt.obj", "--up=z", "--facing=z"], "the two must be different axes"),
+    ],
+)
+def test_axes_that_make_no_sense(  # noqa: PLR0917
+    meshes: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    message: str,
+) -> None:
+    monkeypatch.chdir(meshes)
+    assert message in refused(capsys, tmp_path / "out", "shirt", *options)

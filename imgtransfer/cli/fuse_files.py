@@ -1,0 +1,64 @@
+"""The files that `imgtransfer fuse --maps` is given beside the maps, in metres, y up, seams joined if wanted."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+
+from imgtransfer.cli.mesh_options import check_axes_used, chosen_axes
+from imgtransfer.fusing import Given
+from imgtransfer.importers.weld import Welded, weld, weld_motion
+from imgtransfer.moving import Moving, Pins, is_meshes, load_moving, load_pins
+from render import InputError, load_mesh
+
+
+def given_files(args: argparse.Namespace) -> Given:
+    """Read --template, --initial, --body, --under and --pins.
+
+    Raises:
+        InputError: files that cannot be read, options that would do nothing for them, or welded seams that part.
+    """
+    garments = [path for path in (args.template, args.initial, args.under) if path is not None]
+    check_axes_used(
+        args,
+        body=args.body is not None and is_meshes(args.body),
+        garment=any(is_meshes(path) for path in garments),
+        wanted="mesh files, those of the body unless it begins with --garment; npz files are in metres, y up",
+    )
+    if args.weld and args.template is None:
+        raise InputError("--weld goes with --template, whose split seams it joins")
+    axes, of_garment = chosen_axes(args)
+    of_garment = of_garment or axes
+    given = Given(
+        template=of_garment.of_mesh(load_mesh(args.template)) if args.template else None,
+        initial=load_moving(args.initial, "garment", of_garment) if args.initial else None,
+        body=load_moving(args.body, "body", axes) if args.body else None,
+        under=load_moving(args.under, "garment", of_garment) if args.under else None,
+        pins=load_pins(args.pins) if args.pins else None,
+    )
+    return _welded(given, args) if args.weld else given
+
+
+def _welded(given: Given, args: argparse.Namespace) -> Given:
+    """What was given in the numbering of the template's file, in that of its welded vertices."""
+    assert given.template is not None
+    welded = weld(given.template)
+    initial, pins = given.initial, given.pins
+    if initial is not None and initial.vertices.shape[1] == len(given.template.vertices):
+        vertices = weld_motion(initial.vertices, welded, source=str(args.initial))
+        initial = Moving(welded.mesh.faces, vertices)
+    if pins is not None:
+        pins = _of_welded(pins, welded, args)
+    return replace(given, template=welded.mesh, initial=initial, pins=pins)
+
+
+def _of_welded(pins: Pins, welded: Welded, args: argparse.Namespace) -> Pins:
+    """The pins of the file's vertices, one for each welded vertex."""
+    assert welded.mesh.surface is not None
+    number = welded.mesh.surface.vertices
+    if pins.indices.size and not (pins.indices.min() >= 0 and pins.indices.max() < len(number)):
+        raise InputError(f"{args.pins}: there are vertices 0 to {len(number) - 1} in {args.template}")
+    indices, first = np.unique(number[pins.indices], return_index=True)
+    return Pins(indices, None if pins.positions is None else pins.positions[..., first, :])
