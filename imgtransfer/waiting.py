@@ -12,12 +12,12 @@ import os
 
 WAIT_POLICY = "OMP_WAIT_POLICY"
 # GNU's, LLVM's and Intel's OpenMP know the first; each of the others says the same to one of them.
-_CHOSEN_BY = (WAIT_POLICY, "GOMP_SPINCOUNT", "KMP_BLOCKTIME", "KMP_LIBRARY")
+CHOSEN_BY = (WAIT_POLICY, "GOMP_SPINCOUNT", "KMP_BLOCKTIME", "KMP_LIBRARY")
 
 
 def passive_waiting() -> dict[str, str]:
     """What to add to the environment of a process that is about to start; nothing where the user has chosen."""
-    return {} if any(name in os.environ for name in _CHOSEN_BY) else {WAIT_POLICY: "PASSIVE"}
+    return {} if any(name in os.environ for name in CHOSEN_BY) else {WAIT_POLICY: "PASSIVE"}
 
 
 def wait_passively() -> None:
@@ -27,5 +27,5 @@ def wait_passively() -> None:
 
 def waiting_in_words() -> str:
     """What the environment says about waiting threads: "OMP_WAIT_POLICY=PASSIVE", or that nothing is said."""
-    said = [f"{name}={os.environ[name]}" for name in _CHOSEN_BY if name in os.environ]
+    said = [f"{name}={os.environ[name]}" for name in CHOSEN_BY if name in os.environ]
     return ", ".join(said) or f"no {WAIT_POLICY}"

@@ -81,6 +81,11 @@ KEYS = {
         "ratio_fused_to_written_attention",
         "ratio_unchanged_to_channels_last_bfloat16",
         "ratio_svd_to_polar",
+        "bfloat16_to_float32",
+        "ratio_spinning_to_passive_alone",
+        "ratio_spinning_to_passive_beside_one",
+        "steps_per_s_spinning_alone",
+        "steps_per_s_passive_beside_one",
     },
 }
 BENCHES = {"render": render, "fusion": fusion, "simulation": simulation, "store": store, "training": training}

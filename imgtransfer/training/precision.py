@@ -53,7 +53,8 @@ class Workload:
         """As much of it as a CPU that emulates bfloat16 does in a moment, and not so little that calls cost more than
         sums.
         """
-        rows, columns, dim = min(self.rows, 8), min(self.columns, 8), max(64, min(self.dim, 256))
+        rows, columns = (max(4, min(length, 8)) for length in (self.rows, self.columns))
+        dim = max(64, min(self.dim, 256))
         most = max(1, _MOST_WORK // (rows * columns * dim**2))
         return Workload(min(max(self.images, 4), most), rows, columns, dim)
 

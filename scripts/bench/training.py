@@ -2,18 +2,22 @@
 """One training step of configs/demo.yaml's networks on a synthetic clip, and each choice made for speed.
 
 A tube of cloth (1,944 vertices) about a body, as large as those of the sample data; batch, map size and network are
-the configuration's. One torch thread.
+the configuration's, the number type is the one that `precision: auto` takes here. One torch thread.
 
   step_ms                       one whole step: maps, both networks forward and backward, optimiser
+  bfloat16_to_float32           what `precision: auto` measured at the start
   maps_ms, share_of_maps        making the maps of a batch, body's and garment's, with the first guess
   ratio_a_to_b                  how many times as long a takes as b
   attention_*                   one attention layer forward and backward, 65 tokens (128 / 16) or 257 (128 / 8)
   ratio_fused_to_written_*      torch's scaled_dot_product_attention against the products written out
   decoder_*, polar_*            the decoder by its memory layout; rotations by Newton's iteration or by an SVD
+  steps_per_s_*                 two threads on two cores, alone or beside one busy process there, where OpenMP's threads
+                                spin while they wait (its default) or sleep (as this project's commands have it)
 """
 
 from __future__ import annotations
 
+import math
 import sys
 import tempfile
 from collections.abc import Callable
@@ -35,7 +39,7 @@ from imgtransfer.network.decoder import Decoder
 from imgtransfer.network.local_frames import nearest_rotation
 from imgtransfer.training.config import load_config
 from imgtransfer.training.trainer import Trainer
-from scripts.bench import shapes
+from scripts.bench import neighbours, shapes
 from scripts.bench.measuring import Results, command, interleaved
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "demo.yaml"
@@ -49,7 +53,14 @@ def measure(quick: bool) -> Results:
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "tube.npz"
         save_clip(source, _clip((16, 10), (14, 12), 4) if quick else _clip((54, 36), (58, 48), 64))
-        step = _step(source, changes, rounds)
+        data = [
+            f"data.source={source}",
+            *(f"data.{part}={{split: null}}" for part in ("train", "validation")),
+        ]
+        step, chosen = _step([*changes, *data], rounds)
+        # With one thread nothing waits, and a quick run is quick beside other processes, too.
+        as_ours = [f"training.precision={chosen}", f"training.threads={1 if quick else neighbours.CORES}"]
+        beside = neighbours.measure(CONFIG, [*changes, *data, *as_ours], min(rounds, 5))
     config = load_config(CONFIG, changes)
     images, dim = config.training.batch_frames * len(config.maps.views), config.network.encoder.dim
     heads = config.network.encoder.heads
@@ -60,17 +71,21 @@ def measure(quick: bool) -> Results:
     grid = tuple(length // config.network.encoder.patch for length in config.maps.size)
     parts |= _decoder(images, dim, grid, config.network.encoder.patch, rounds)
     # As many as a batch has cells: `imgtransfer.network.local_frames` fits 32 x 32 rotations a view.
-    return {"step": step, "parts": parts | _rotations(images * (8 if quick else 32) ** 2, rounds)}
+    return {
+        "step": step,
+        "neighbours": beside,
+        "parts": parts | _rotations(images * (8 if quick else 32) ** 2, rounds),
+    }
 
 
-def _step(source: Path, changes: list[str], rounds: int) -> dict[str, float]:
+def _step(changes: list[str], rounds: int) -> tuple[dict[str, float], str]:
+    """The numbers, and the number type that `precision: auto` takes here."""
+
     def trainer(*more: str) -> Trainer:
-        whole = "{split: null}"  # one clip npz has no splits
-        data = [f"data.source={source}", f"data.train={whole}", f"data.validation={whole}"]
-        return Trainer(load_config(CONFIG, [*changes, *data, "training.threads=1", *more]))
+        return Trainer(load_config(CONFIG, [*changes, "training.threads=1", *more]))
 
-    ours, float32 = trainer(), trainer("training.precision=float32")
-    patch8 = trainer("network.encoder.patch=8")
+    ours, patch8 = trainer(), trainer("network.encoder.patch=8")
+    by_type = {name: trainer(f"training.precision={name}") for name in PRECISIONS}
     frames = ours.order.frames(0)
 
     def fused() -> None:
@@ -80,7 +95,7 @@ def _step(source: Path, changes: list[str], rounds: int) -> dict[str, float]:
     times = interleaved(
         {
             "ours": ours.train_step,
-            "float32": float32.train_step,
+            **{name: by_type[name].train_step for name in PRECISIONS},
             "fused": fused,
             "patch8": patch8.train_step,
             "maps": lambda: ours.batch(ours.train_frames, frames),
@@ -91,10 +106,11 @@ def _step(source: Path, changes: list[str], rounds: int) -> dict[str, float]:
         "step_ms": times.ms("ours"),
         "maps_ms": times.ms("maps"),
         "share_of_maps": times.ratio("maps", "ours"),
-        "ratio_float32_to_bfloat16": times.ratio("float32", "ours"),
+        "bfloat16_to_float32": ours.precision.ratio or math.nan,
+        "ratio_float32_to_bfloat16": times.ratio("float32", "bfloat16"),
         "ratio_fused_to_written_attention": times.ratio("fused", "ours"),
         "ratio_patch_8_to_16": times.ratio("patch8", "ours"),
-    }
+    }, ours.precision.name
 
 
 def _attention(shape: tuple[int, int, int], heads: int, precision: str, rounds: int) -> dict[str, float]:
