@@ -30,6 +30,7 @@ from imgtransfer.training.config import RunConfig, load_config
 from imgtransfer.training.loop import CONFIG_FILE, LOG_FILE, train
 from render import InputError, write_png
 from render.files import written_whole
+from render.threads import one_blas_thread
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLE_DATA = PROJECT / "configs" / "sample_data" / "tshirt.zarr"
@@ -69,6 +70,7 @@ class Case:
         return 1e3 * np.linalg.norm(self.vertices[method] - self.truth_vertices, axis=-1)
 
 
+@one_blas_thread()
 def run_demo(out: Path, config: RunConfig, pretrained: Path) -> dict[str, dict[str, float]]:
     """Train, predict, fuse, measure and report.
 

@@ -19,10 +19,12 @@ from imgtransfer.training.config import RunConfig, load_config, to_yaml
 from imgtransfer.training.trainer import Trainer
 from render import InputError
 from render.files import written_whole
+from render.threads import one_blas_thread
 
 CONFIG_FILE, LOG_FILE = "config.yaml", "log.jsonl"
 
 
+@one_blas_thread()
 def train(config: RunConfig, out: Path, *, resume: bool = False) -> Path:
     """Train to the end and write the results.
 
