@@ -17,6 +17,7 @@ from fusion.pipeline import Piece, Pipeline
 from fusion.stages import Minimum, edge_weights, normal_weights
 from fusion.stopwatch import Stopwatch
 from render.imager import TemplateImager
+from render.threads import one_blas_thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,7 @@ class FusionResult:
     report: dict[str, Any]
 
 
+@one_blas_thread()
 def fuse(
     imager: TemplateImager,
     *,

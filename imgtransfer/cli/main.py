@@ -52,7 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def command() -> None:
         args = build_parser().parse_args(argv)
-        args.run(args)
+        from render.threads import one_blas_thread  # noqa: PLC0415 (`--help` does not wait for SciPy)
+
+        with one_blas_thread():
+            args.run(args)
 
     wait_passively()
     return exit_status(command, program="imgtransfer", stopped="stopped")

@@ -11,10 +11,12 @@ from scipy.spatial import cKDTree
 from fusion import BodySdf
 from imgtransfer.evaluation.sted import sted
 from render import InputError, Mesh
+from render.threads import one_blas_thread
 
 METRICS = ("rmse_mm", "rms_mm", "hausdorff_mm", "sted", "penetration_percent")
 
 
+@one_blas_thread()
 def evaluate_clip(
     predicted: np.ndarray,
     truth: np.ndarray,

@@ -31,6 +31,7 @@ from imgtransfer.importers.template import as_setting
 from imgtransfer.importers.template import load_template as place_template
 from render import InputError
 from render.mesh import Mesh
+from render.threads import one_blas_thread
 
 OPENINGS = {
     "tshirt": ("neck", "left sleeve", "right sleeve", "hem"),
@@ -60,6 +61,7 @@ class Garment:
     held: np.ndarray
 
 
+@one_blas_thread()
 def make_garment(
     body: SkinnedBody, config: GarmentConfig | None = None, *, like: SkinnedBody | None = None
 ) -> Garment:

@@ -16,6 +16,7 @@ from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_map
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.transfer import TransferNet
 from render import Mesh, PositionBox, TemplateImager, encode_normals
+from render.threads import one_blas_thread
 
 # A decoder output of 1 in residual mode: about the size of the residuals, so that the networks deal with
 # numbers near 1. Positions in metres, normals as parts of a unit vector.
@@ -170,6 +171,7 @@ class TransferModel(nn.Module):
         """The template's tokens of both networks, (1, S, 1 + M, dim) each."""
         return self.position_net.encode(self.garment_positions), self.normal_net.encode(self.garment_normals)
 
+    @one_blas_thread()
     @torch.no_grad()
     def predict(self, clip: Clip, progress: Callable[[Iterable[int]], Iterable[int]] = iter) -> Prediction:
         """Predict the maps of every frame; the garment's own motion is not looked at.

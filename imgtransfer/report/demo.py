@@ -27,6 +27,7 @@ from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import LOG_FILE
 from render import write_png
 from render.files import written_whole
+from render.threads import one_blas_thread
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLE_DATA = PROJECT / "configs" / "sample_data" / "tshirt.zarr"
@@ -34,6 +35,7 @@ DEMO_CONFIG = PROJECT / "configs" / "demo.yaml"
 CHECKPOINT = PROJECT / "configs" / "pretrained" / "model.safetensors"
 
 
+@one_blas_thread()
 def run_demo(out: Path, config: RunConfig, pretrained: Path, length: Length | None = None) -> Metrics:
     """Predict, fuse, measure and report with a checkpoint; then train, and complete the report with that model.
 

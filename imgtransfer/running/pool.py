@@ -23,7 +23,7 @@ from imgtransfer.waiting import passive_waiting
 
 T = TypeVar("T")
 R = TypeVar("R")
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_TORCH_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _PATIENCE = 3.0  # seconds that a process has to end before it is killed
 
 
@@ -34,7 +34,7 @@ class Pool:
     Args:
         workers: processes.
         retries: how often a task is done again whose process died.
-        threads: of the numerical libraries in each process; None shares the cores out.
+        threads: of torch in each process; None shares the cores out. BLAS has one, as `attempt` says.
     """
 
     workers: int
@@ -45,7 +45,8 @@ class Pool:
         left, deaths = deque(range(len(tasks))), Counter[int]()
         count = min(self.workers, len(tasks))
         threads = str(self.threads or max(1, _cores() // max(1, count)))
-        environment = dict.fromkeys(_THREAD_VARIABLES, threads) | passive_waiting()
+        environment = dict.fromkeys(_TORCH_VARIABLES, threads) | passive_waiting()
+        environment["OPENBLAS_NUM_THREADS"] = "1"  # else it starts threads that no task uses
         workers: list[_Worker] = []
         try:
             for _ in range(count):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 from render import InputError
+from render.threads import one_blas_thread
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -56,9 +57,13 @@ class Serial:
 
 
 def attempt(function: Callable[[T], R], task: T, index: int) -> Outcome[R]:
-    """Call the function; an exception is an outcome, too, so that one bad clip does not end the others."""
+    """Call the function; an exception is an outcome, too, so that one bad clip does not end the others.
+
+    Whatever runs it, a task has one BLAS thread: its result does not depend on how many tasks run beside it.
+    """
     try:
-        return Outcome(index, function(task))
+        with one_blas_thread():
+            return Outcome(index, function(task))
     except InputError as error:
         return Outcome(index, reason=str(error))
     except OSError as error:  # no permission, a full disk, a file where a folder is wanted

@@ -22,8 +22,10 @@ from imgtransfer.simulation.sequence import find_sequence
 from imgtransfer.simulation.sources import sorted_sources
 from imgtransfer.simulation.task import Task
 from render import InputError
+from render.threads import one_blas_thread
 
 
+@one_blas_thread()
 def plan(
     config: SimulateConfig,
     sources: Sequence[Path] = (),

@@ -20,12 +20,14 @@ from imgtransfer.simulation.skinned_movement import SkinnedMovement
 from imgtransfer.simulation.substeps import step_count
 from imgtransfer.simulation.worn import Movement, Worn, settled
 from render import InputError
+from render.threads import one_blas_thread
 
 
 class Rejected(InputError):
     """A clip that failed its gates twice; the message says which."""
 
 
+@one_blas_thread()
 def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tuple[Clip, Quality]:
     """Simulate the garment on the configuration's body that follows a motion, or on a body mesh sequence.
 

@@ -20,10 +20,12 @@ from imgtransfer.training.remaining import Remaining, say_remaining
 from imgtransfer.training.trainer import Trainer
 from render import InputError
 from render.files import written_whole
+from render.threads import one_blas_thread
 
 CONFIG_FILE, LOG_FILE = "config.yaml", "log.jsonl"
 
 
+@one_blas_thread()
 def train(
     config: RunConfig, out: Path, *, resume: bool = False, tell: Callable[[float], None] = say_remaining
 ) -> Path:

@@ -13,7 +13,7 @@ from fusion import BodySdf, energy_kernels, fuse, parallel
 from fusion.parallel import n_threads, one_torch_thread, run_all
 
 
-@pytest.fixture(params=[1, 2, 3])
+@pytest.fixture(params=[2, 3])
 def threads(request, monkeypatch):
     monkeypatch.setattr("fusion.moving_mesh._WORTH_A_THREAD", 1)
     token = parallel._threads.set(request.param)
@@ -29,10 +29,10 @@ def fused(count, **inputs):
 
 
 def test_a_fusion_does_not_depend_on_the_number_of_threads(threads):
-    """Frames, their order, and what is reported of them; vertices to float32's rounding."""
+    """Frames, their order, and what is reported of them; vertices to the bit, as each frame is solved by itself."""
     positions, normals = true_maps(imager_of(tube()), wrinkled(tube(), 5))
     found, want = (fused(count, positions=positions, normals=normals) for count in (threads, 1))
-    np.testing.assert_allclose(found.vertices, want.vertices, rtol=0, atol=1e-6)  # metres
+    np.testing.assert_array_equal(found.vertices, want.vertices)
     np.testing.assert_array_equal(found.initial, want.initial)
     assert found.report["iterations"] == want.report["iterations"]
     for stage, curves in want.report["history"].items():
@@ -55,14 +55,12 @@ def test_threads_that_define_kernels_at_once_get_the_same(monkeypatch):
 
 
 def test_each_frame_meets_its_own_body_on_every_thread(threads):
-    """Vertices that come to lie on an edge of the body may choose either side by rounding: all but 1 % are equal."""
     positions, _ = true_maps(imager_of(tube()), wrinkled(tube(), 5))
     body = cylinder_body(radius=0.16)
     moved = np.stack([body.vertices + np.array([0.01 * k, 0, 0]) for k in range(5)])
     inputs = {"positions": positions, "body_vertices": moved, "body_faces": body.faces}
     found, want = (fused(count, **inputs) for count in (threads, 1))
-    apart = np.linalg.norm(found.vertices - want.vertices, axis=-1)
-    assert ((apart > 1e-5).mean(axis=1) <= 0.01).all()
+    np.testing.assert_array_equal(found.vertices, want.vertices)
     assert found.report["penetration_percent"]["after"] == 0
 
 

@@ -83,12 +83,6 @@ def short(**changes):
     return SimulateConfig(garment={"edge_length": 0.05}, solver=solver, **changes)
 
 
-def test_the_same_clip_is_the_same_twice():
-    motion = make_motion("reach", seed=2, seconds=0.2)
-    first, second = (simulate_clip(motion, short())[0] for _ in range(2))
-    assert np.array_equal(first.garment_vertices, second.garment_vertices)
-
-
 def test_a_clip_that_fails_its_gates_is_rejected_with_the_reason(tmp_path):
     config = short(
         gates=GateConfig(p99_stretch=0.5),

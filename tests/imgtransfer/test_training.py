@@ -76,6 +76,14 @@ def small_config(source: Path, **training: object) -> RunConfig:
     return parse_config(SMALL | {"data": data, "training": SMALL["training"] | training}, "small")
 
 
+@pytest.fixture(scope="module")
+def whole(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run of `small_config`, trained to its end: read only."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    train(small_config(source), folder)
+    return folder
+
+
 def weights(folder: Path) -> dict[str, torch.Tensor]:
     return load_file(folder / "state.safetensors")
 
@@ -189,18 +197,17 @@ def test_training_beats_the_first_guess(source: Path) -> None:
     assert errors["normal_degrees"] < errors["guess_normal_degrees"]
 
 
-def test_the_same_seed_gives_the_same_weights(source: Path, tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        train(small_config(source), tmp_path / name)
-    train(small_config(source, seed=1), tmp_path / "c")
-    a, b, c = (weights(tmp_path / name) for name in "abc")
+def test_the_same_seed_gives_the_same_weights(source: Path, whole: Path, tmp_path: Path) -> None:
+    train(small_config(source), tmp_path / "again")
+    train(small_config(source, seed=1), tmp_path / "other")
+    a, b, c = (weights(folder) for folder in (whole, tmp_path / "again", tmp_path / "other"))
     assert all(torch.equal(a[key], b[key]) for key in a)
     assert any(not torch.equal(a[key], c[key]) for key in a)
 
 
-def test_resume_continues_bit_for_bit(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = small_config(source)
-    train(config, tmp_path / "whole")
+def test_resume_continues_bit_for_bit(
+    config: RunConfig, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     original = Trainer.train_step
 
     def interrupted(self: Trainer) -> dict[str, float]:
@@ -213,13 +220,13 @@ def test_resume_continues_bit_for_bit(source: Path, tmp_path: Path, monkeypatch:
         train(config, tmp_path / "parts")
     monkeypatch.undo()
     train(config, tmp_path / "parts", resume=True)
-    whole, parts = weights(tmp_path / "whole"), weights(tmp_path / "parts")
-    assert whole.keys() == parts.keys()
-    assert any(key.startswith("optimizer.") for key in whole)
-    assert all(torch.equal(whole[key], parts[key]) for key in whole)
+    wanted, found = weights(whole), weights(tmp_path / "parts")
+    assert wanted.keys() == found.keys()
+    assert any(key.startswith("optimizer.") for key in wanted)
+    assert all(torch.equal(wanted[key], found[key]) for key in wanted)
     logs = [
-        [json.loads(line) for line in (tmp_path / name / "log.jsonl").read_text().splitlines()]
-        for name in ("whole", "parts")
+        [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+        for folder in (whole, tmp_path / "parts")
     ]
     for entry in (entry for log in logs for entry in log):
         del entry["seconds"]
@@ -228,7 +235,7 @@ def test_resume_continues_bit_for_bit(source: Path, tmp_path: Path, monkeypatch:
 
 
 def test_a_run_stopped_before_its_first_step_goes_on(
-    config: RunConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    config: RunConfig, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = Trainer.validate
 
@@ -241,17 +248,17 @@ def test_a_run_stopped_before_its_first_step_goes_on(
         train(config, tmp_path / "run")
     monkeypatch.undo()
     train(config, tmp_path / "run", resume=True)
-    train(config, tmp_path / "whole")
-    stopped, whole = weights(tmp_path / "run"), weights(tmp_path / "whole")
-    assert all(torch.equal(stopped[key], whole[key]) for key in whole)
+    stopped, wanted = weights(tmp_path / "run"), weights(whole)
+    assert all(torch.equal(stopped[key], wanted[key]) for key in wanted)
 
 
-def test_resuming_another_configuration_is_refused(config: RunConfig, source: Path, tmp_path: Path) -> None:
-    train(config, tmp_path / "run")
+def test_resuming_another_configuration_is_refused(
+    config: RunConfig, source: Path, whole: Path, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match=r"holds a run already; add --resume"):
-        train(config, tmp_path / "run")
+        train(config, whole)
     with pytest.raises(InputError, match=r"cannot resume, training.batch_frames is 3 now and was 2"):
-        train(small_config(source, batch_frames=3), tmp_path / "run", resume=True)
+        train(small_config(source, batch_frames=3), whole, resume=True)
     with pytest.raises(InputError, match="no run to resume"):
         train(config, tmp_path / "other", resume=True)
 
