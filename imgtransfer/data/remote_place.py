@@ -87,6 +87,9 @@ class RemotePlace:
         if self.filesystem.exists(self._path(key)):
             self.filesystem.rm(self._path(key), recursive=True)
 
+    def put_back(self) -> None:
+        """Nothing is ever moved aside here."""
+
     @contextmanager
     def whole_group(self, key: str, attributes: dict[str, Any]) -> Iterator[RemotePlace]:
         self._check_writable()

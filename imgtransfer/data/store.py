@@ -89,6 +89,7 @@ class DataSet:
             )
         attributes = read_attributes(place, "", str(path))
         check_root(attributes, str(path))
+        place.put_back()
         return cls(path, attributes, place)
 
     @classmethod
