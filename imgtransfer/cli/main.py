@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
+from imgtransfer.stopping import Terminated, sigterm_as_interrupt
 from render import InputError
 
 # One module a command. Each has `add_parser(subparsers) -> ArgumentParser` and `run(args) -> None`, and
@@ -54,23 +55,37 @@ def exit_status(run: Callable[[], object], *, program: str, stopped: str) -> int
     """Call `run`, and turn what a user can mend into one line on stderr that starts with `program`.
 
     Returns:
-        0 done, 2 input that the user can mend, 130 Ctrl-C (after saying `stopped`).
+        0 done, 2 input that the user can mend, or a machine that is too small for it; after saying `stopped`,
+        130 for Ctrl-C and 143 for SIGTERM.
     """
     try:
-        run()
+        with sigterm_as_interrupt():
+            run()
     except InputError as error:
         print(f"{program}: error: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as signal:
         print(f"{program}: {stopped}", file=sys.stderr)
-        return 130
+        return 143 if isinstance(signal, Terminated) else 130
     except BrokenPipeError:  # `imgtransfer inspect ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # no permission, a full disk, a file where a folder is wanted
         print(f"{program}: error: {error.filename or 'files'}: {error.strerror or error}", file=sys.stderr)
         return 2
+    except (MemoryError, RuntimeError) as error:
+        if not _out_of_memory(error):
+            raise
+        reason = " ".join(str(error).split())[:200]
+        print(f"{program}: error: not enough memory ({reason or 'no more to be had'})", file=sys.stderr)
+        return 2
     return 0
+
+
+def _out_of_memory(error: Exception) -> bool:
+    """Whether memory ran out; torch says so by a RuntimeError."""
+    words = ("not enough memory", "out of memory", "can't allocate memory")
+    return isinstance(error, MemoryError) or any(word in str(error) for word in words)
 
 
 if __name__ == "__main__":

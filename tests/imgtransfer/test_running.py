@@ -90,18 +90,20 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a test in the background inherits that it is ignored
 sys.path[:0] = {paths!r}
 from pathlib import Path
-from running_examples import Task, square
+from running_examples import Task, square_into_file
 from imgtransfer.cli.main import exit_status
 from imgtransfer.running import Pool, run_tasks
 if __name__ == "__main__":
     tasks = [Task(number, Path({folder!r}), seconds=60) for number in range(4)]
-    work = lambda: run_tasks(square, tasks, executor=Pool(2), name=lambda task: task.name)
+    work = lambda: run_tasks(square_into_file, tasks, executor=Pool(2), name=lambda task: task.name)
     sys.exit(exit_status(work, program="test", stopped="stopped"))
 """
 
 
 @pytest.mark.parametrize(
-    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)], ids=["Ctrl-C", "kill -9"]
+    ("number", "status"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)],
+    ids=["Ctrl-C", "SIGTERM", "kill -9"],
 )
 def test_nothing_goes_on_when_the_parent_ends(tmp_path: Path, number: int, status: int) -> None:
     program = tmp_path / "parent.py"
@@ -116,9 +118,10 @@ def test_nothing_goes_on_when_the_parent_ends(tmp_path: Path, number: int, statu
         parent.send_signal(number)
     err = parent.communicate(timeout=20)[1].decode()
     assert parent.returncode == status
-    if number == signal.SIGINT:
+    if number != signal.SIGKILL:
         assert err.splitlines()[-1] == "test: stopped"
         assert "Traceback" not in err
+        assert not list(tmp_path.glob(".*"))  # half-written results
     _until(lambda: not any(_alive(worker) for worker in workers))
     assert len(list(tmp_path.glob("*-*-*"))) == 2  # no other task was begun
 

@@ -244,6 +244,7 @@ def test_resuming_another_configuration_is_refused(config: RunConfig, source: Pa
         train(small_config(source, batch_frames=3), tmp_path / "run", resume=True)
     with pytest.raises(InputError, match="no run to resume"):
         train(config, tmp_path / "other", resume=True)
+    assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.parametrize("stored", ["float32", "float16"])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
-import resource
 import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from full_disk import full_disk
 
 from render import temporaries
 from render.files import written_whole, written_whole_folder
@@ -207,18 +207,12 @@ def test_a_full_disk_names_the_file_and_leaves_the_one_before(tmp_path: Path, fo
     write(target, "first")
     target = target if folder else target / "a.txt"
     inner = "b.txt" if folder else ""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    try:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
-        with (
-            pytest.raises(OSError, match=os.strerror(errno.EFBIG)) as error,
-            (written_whole_folder if folder else written_whole)(target) as temporary,
-        ):
-            (temporary / inner).write_bytes(bytes(5000))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, before)
+    with (
+        full_disk(4096),
+        pytest.raises(OSError, match=os.strerror(errno.EFBIG)) as error,
+        (written_whole_folder if folder else written_whole)(target) as temporary,
+    ):
+        (temporary / inner).write_bytes(bytes(5000))
     assert error.value.filename == str(target)
     assert content(tmp_path / "data") == ["first"] * 2
     assert [path.name for path in tmp_path.iterdir()] == ["data"]
