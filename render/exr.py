@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -156,7 +157,11 @@ def _write(path: Path, header: dict[str, Any], channels: dict[str, np.ndarray]) 
     # Copies: the library overwrites the arrays that it is given.
     copies = {name: np.array(channel, np.float32, order="C") for name, channel in channels.items()}
     with OpenEXR.File(header, copies) as file:
-        file.write(str(path))
+        try:
+            file.write(str(path))
+        except RuntimeError as error:  # a full disk, for instance; the text ends with the system's reason
+            reason = str(error).rpartition('". ')[2].rstrip(".")
+            raise OSError(errno.EIO, reason, str(path)) from error
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -37,7 +37,8 @@ class RemotePlace:
         try:
             filesystem, root = fsspec.url_to_fs(url, use_listings_cache=False)
         except (ImportError, ValueError) as error:
-            raise InputError(f"{url}: cannot be reached ({error})") from error
+            extra = "; pip install 'imgtransfer[remote]'" if isinstance(error, ImportError) else ""
+            raise InputError(f"{url}: cannot be reached ({error}){extra}") from error
         return cls(filesystem, url, root.rstrip("/"))
 
     def _path(self, key: str) -> str:

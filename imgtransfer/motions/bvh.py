@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import JOINTS, PARENTS, local_poses, segment_direction
+from imgtransfer.extras import optional
 from imgtransfer.motions.motion import Motion, resample
 from imgtransfer.motions.skeletons import named_joints
 from render import InputError
@@ -77,12 +78,7 @@ class _Skeleton:
 
 def _read(path: Path) -> _Skeleton:
     _check_whole(path)
-    try:
-        import bvhio  # noqa: PLC0415 (optional)
-    except ImportError as error:
-        raise InputError(
-            f"{path}: BVH files need bvhio; install it with: pip install 'imgtransfer[simulate]'"
-        ) from error
+    bvhio = optional("bvhio", "simulate", f"{path}: reading BVH")
     try:
         read = bvhio.readAsBvh(str(path))
     except (SyntaxError, ValueError, IndexError, KeyError, TypeError) as error:
