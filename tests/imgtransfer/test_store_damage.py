@@ -22,6 +22,7 @@ from imgtransfer.data.arrays import StoredArray
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.data.local_place import LocalPlace
 from imgtransfer.data.place import group_metadata
+from imgtransfer.data.source import clip_refs
 from imgtransfer.data.store import DataSet
 from render import InputError
 
@@ -161,6 +162,34 @@ def test_of_two_that_write_the_same_clip_one_wins(tmp_path: Path) -> None:
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["clip"]
 
 
+@pytest.mark.parametrize("new_too", [False, True], ids=["", "and the new one"])
+def test_a_clip_that_a_killed_writer_moved_aside_is_there_for_whoever_comes_next(
+    data: DataSet, long_clip: Clip, capsys: pytest.CaptureFixture[str], new_too: bool
+) -> None:
+    """Where names cannot be exchanged, a kill between two renamings leaves the old clip under a hidden name."""
+    folder = data.path / "tube"
+    as_version_1(data)
+
+    def move_aside(token: str) -> None:
+        if new_too:
+            shutil.copytree(folder / "bend", folder / f".bend-{token}")
+        (folder / "bend").rename(folder / f".bend-{token}.old")
+
+    move_aside("4242-81234567890")  # as earlier versions named it
+    assert DataSet.open(data.path).names() == ["tube/bend"]
+    move_aside("abcdefgh")
+    assert main(["migrate", str(data.path)]) == 0
+    assert "1 -> 2, 1 clips rewritten" in capsys.readouterr().out
+    assert_same_clip(DataSet.open(data.path).read("tube/bend"), long_clip)
+    move_aside("ijklmnop")
+    assert [ref.name for ref in clip_refs(data.path)] == ["tube/bend"]
+    move_aside("qrstuvwx")
+    again = replace(long_clip, trans=long_clip.trans + 1)
+    DataSet.open(data.path).write("tube/bend", again, split="train")
+    assert_same_clip(data.read("tube/bend"), again)
+    assert sorted(path.name for path in folder.iterdir()) == ["bend", "zarr.json"]
+
+
 # schema versions
 
 
@@ -210,8 +239,6 @@ def test_rejected_clips_are_listed_until_they_are_written(data: DataSet, long_cl
 
 
 def test_a_clip_npz_is_read_by_frames(tmp_path: Path, tube_clip: Clip) -> None:
-    from imgtransfer.data.source import clip_refs  # noqa: PLC0415
-
     save_clip(tmp_path / "walk.npz", tube_clip)
     (ref,) = clip_refs(tmp_path)
     assert (ref.name, ref.split, ref.reader().n_frames) == ("walk", None, tube_clip.n_frames)
