@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
+from imgtransfer.memory import shortage
 from imgtransfer.stopping import Terminated, sigterm_as_interrupt
 from render import InputError
 
@@ -74,18 +75,12 @@ def exit_status(run: Callable[[], object], *, program: str, stopped: str) -> int
         print(f"{program}: error: {error.filename or 'files'}: {error.strerror or error}", file=sys.stderr)
         return 2
     except (MemoryError, RuntimeError) as error:
-        if not _out_of_memory(error):
+        reason = shortage(error)
+        if reason is None:
             raise
-        reason = " ".join(str(error).split())[:200]
-        print(f"{program}: error: not enough memory ({reason or 'no more to be had'})", file=sys.stderr)
+        print(f"{program}: error: {reason}", file=sys.stderr)
         return 2
     return 0
-
-
-def _out_of_memory(error: Exception) -> bool:
-    """Whether memory ran out; torch says so by a RuntimeError."""
-    words = ("not enough memory", "out of memory", "can't allocate memory")
-    return isinstance(error, MemoryError) or any(word in str(error) for word in words)
 
 
 if __name__ == "__main__":

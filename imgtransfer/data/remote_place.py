@@ -20,7 +20,8 @@ from render import InputError
 @dataclass(frozen=True)
 class RemotePlace:
     """A place behind fsspec. There is no renaming in object storage, so a group's metadata is written last, in
-    one piece: without it there is no group, and what an interrupted write left is removed by the next.
+    one piece: without it there is no group, and what an interrupted write left is removed by the next. So a clip that
+    is being replaced is lost should the writer be killed; on a local disk it is not.
     """
 
     filesystem: fsspec.AbstractFileSystem

@@ -13,8 +13,10 @@ import pytest
 import running_examples
 from running_examples import Task, square
 
+from imgtransfer.cli.main import exit_status
 from imgtransfer.running import Executor, Pool, Serial, executor_for, run_tasks
 from imgtransfer.running.cluster import Cluster
+from imgtransfer.running.task import attempt
 from render import InputError
 
 
@@ -138,6 +140,43 @@ def _alive(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "not enough memory"),
+        (MemoryError("Unable to allocate 112. GiB"), "not enough memory (Unable to allocate 112. GiB)"),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried"), "not enough memory (Default"),
+    ],
+)
+def test_too_little_memory_is_one_line(
+    capsys: pytest.CaptureFixture[str], error: Exception, said: str
+) -> None:
+    def work(_: object = None) -> None:
+        raise error
+
+    assert exit_status(work, program="test", stopped="stopped") == 2
+    assert capsys.readouterr().err.startswith(f"test: error: {said}")
+    assert str(attempt(work, None, 0).reason).startswith(said)
+    with pytest.raises(RuntimeError, match="something else"):
+        exit_status(lambda: (_ for _ in ()).throw(RuntimeError("something else")), program="test", stopped="")
+
+
+def test_the_second_sigterm_ends_the_process_at_once(tmp_path: Path) -> None:
+    program = """if True:
+        import os, signal, sys
+        from imgtransfer.cli.main import exit_status
+        def work():
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+            finally:
+                print("cleaning up", flush=True)
+                os.kill(os.getpid(), signal.SIGTERM)
+        sys.exit(exit_status(work, program="test", stopped="stopped"))
+    """
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGTERM, "cleaning up\n", "")
 
 
 def test_check_lists_the_failures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
