@@ -47,7 +47,8 @@ def temporary_beside(target: Path, *, folder: bool = False) -> Iterator[Path]:
 def put_in_place(temporary: Path, target: Path) -> None:
     """Give a folder the name `target`; what stood there is removed, or called `temporary` now.
 
-    At no moment is there neither the one nor the other. Of two processes that do so at once, the later one wins.
+    Whenever the process is killed, one of the two stands there, or will be put back. Of two processes that do so at
+    once, the later one wins.
     """
     while True:
         try:
@@ -83,7 +84,7 @@ def clear(target: Path) -> None:
     """
     start = f".{target.stem}-"
     ours = re.compile(
-        rf"\.{re.escape(target.stem)}{_MARK}{re.escape(target.suffix)}|\.{re.escape(target.name)}{_MARK}({OLD})?"
+        rf"\.{re.escape(target.stem)}{_MARK}{re.escape(target.suffix)}|\.{re.escape(target.name)}{_MARK}({re.escape(OLD)})?"
     )
     for path in _entries(target.parent):
         if path.name.startswith((start, f".{target.name}-")) and ours.fullmatch(path.name):
