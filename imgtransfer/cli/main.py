@@ -9,6 +9,8 @@ import sys
 from collections.abc import Callable, Sequence
 
 from imgtransfer.cli.parser import Parser
+from imgtransfer.memory import shortage
+from imgtransfer.stopping import Terminated, sigterm_as_interrupt
 from imgtransfer.waiting import wait_passively
 from render import InputError
 from render.errors import one_line
@@ -65,22 +67,30 @@ def exit_status(run: Callable[[], object], *, program: str, stopped: str) -> int
     """Call `run`, and turn what a user can mend into one line on stderr that starts with `program`.
 
     Returns:
-        0 done, 2 input that the user can mend, 130 Ctrl-C (after saying `stopped`).
+        0 done, 2 input that the user can mend, or a machine that is too small for it; after saying `stopped`,
+        130 for Ctrl-C and 143 for SIGTERM.
     """
     try:
-        run()
+        with sigterm_as_interrupt():
+            run()
     except InputError as error:
         print(f"{program}: error: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as signal:
         print(f"{program}: {stopped}", file=sys.stderr)
-        return 130
+        return 143 if isinstance(signal, Terminated) else 130
     except BrokenPipeError:  # `imgtransfer inspect ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # no permission, a full disk, a file where a folder is wanted
         what = one_line(f"{error.filename or 'files'}: {error.strerror or error}")
         print(f"{program}: error: {what}", file=sys.stderr)
+        return 2
+    except (MemoryError, RuntimeError) as error:
+        reason = shortage(error)
+        if reason is None:
+            raise
+        print(f"{program}: error: {reason}", file=sys.stderr)
         return 2
     return 0
 

@@ -80,6 +80,7 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Simulate, and say where the data set is."""
+    from imgtransfer.extras import check_installed  # noqa: PLC0415
     from imgtransfer.importers.findings import as_flag  # noqa: PLC0415
     from imgtransfer.importers.template import as_setting  # noqa: PLC0415
     from imgtransfer.simulation.config import load_config  # noqa: PLC0415
@@ -87,6 +88,7 @@ def run(args: argparse.Namespace) -> None:
     from imgtransfer.simulation.plan import plan  # noqa: PLC0415
     from imgtransfer.simulation.sources import sorted_sources  # noqa: PLC0415
 
+    check_installed("simulate", "simulate", "newton", "gpytoolbox")
     executor = chosen_executor(args)
     configs = [path for path in args.sources if path.suffix in (".yaml", ".yml")]
     if len(configs) > 1:

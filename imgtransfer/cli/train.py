@@ -15,7 +15,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "train",
         help="train the transfer networks from a YAML file",
         description="Writes model.safetensors, log.jsonl, config.yaml and the state to resume from. "
-        "Ctrl-C saves the state and stops.",
+        "Ctrl-C or SIGTERM saves the state and stops. It is also saved every ten minutes.",
         examples=(
             "imgtransfer train configs/demo.yaml --out runs/demo",
             "imgtransfer train configs/demo.yaml --data my_data.zarr --set training.steps=20000 --out runs/mine",
@@ -24,7 +24,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("config", type=Path, help="the run's YAML, such as configs/demo.yaml")
     parser.add_argument("--data", type=Path, help="data set or folder of clip npz, in place of data.source")
     parser.add_argument("--out", type=Path, help="folder of the run (default: runs/NAME of the YAML file)")
-    parser.add_argument("--resume", action="store_true", help="go on with the run in --out")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the run in --out, to more steps if --set training.steps=N says so",
+    )
     add_changes(parser, "training.steps=100, --set 'data.train.names=[tshirt/*]'")
     return parser
 

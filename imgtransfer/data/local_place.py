@@ -1,15 +1,11 @@
-"""A data set in a local folder: groups appear whole or not at all, and what dead writers left is removed."""
+"""A data set in a local folder: groups appear whole or not at all."""
 
 from __future__ import annotations
 
-import errno
-import os
 import shutil
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +14,13 @@ from zarr.storage import LocalStore
 
 from imgtransfer.data.place import METADATA, METADATA_LIMIT, group_metadata
 from render import InputError
-from render.files import check_regular, written_whole
-
-_YOUNG, _OLD = 60.0, 86400.0  # seconds
+from render.files import check_regular, written_whole, written_whole_folder
+from render.temporaries import clear_all, put_back
 
 
 @dataclass(frozen=True)
 class LocalPlace:
-    """A folder. A group is written beside its place and renamed, so that it appears whole or not at all."""
+    """A folder. A group is written beside its place and swapped for an earlier one, see `render.temporaries`."""
 
     root: Path
 
@@ -82,68 +77,14 @@ class LocalPlace:
         else:
             path.unlink(missing_ok=True)
 
+    def put_back(self) -> None:
+        for folder in self.root.glob("[!.]*/"):
+            put_back(folder, holding=METADATA)
+
     @contextmanager
     def whole_group(self, key: str, attributes: dict[str, Any]) -> Iterator[LocalPlace]:
         target = self.root / key
-        target.parent.mkdir(parents=True, exist_ok=True)
-        remove_abandoned(target.parent)
-        temporary = target.parent / f".{target.name}-{os.getpid()}-{time.monotonic_ns()}"
-        temporary.mkdir()
-        lock = os.open(temporary, os.O_RDONLY)
-        try:
-            _lock(lock)  # freed when this process dies, however it dies
+        clear_all(target.parent)
+        with written_whole_folder(target) as temporary:
             yield LocalPlace(temporary)
             (temporary / METADATA).write_bytes(group_metadata(attributes))
-            _move_into_place(temporary, target)
-        finally:
-            os.close(lock)
-            shutil.rmtree(temporary, ignore_errors=True)
-
-
-def remove_abandoned(folder: Path) -> None:
-    """Remove what writers that died have left in `folder`: hidden folders that no living process holds."""
-    for entry in folder.glob(".*"):
-        if entry.is_dir() and _abandoned(entry):
-            shutil.rmtree(entry, ignore_errors=True)
-
-
-def _abandoned(folder: Path) -> bool:
-    try:
-        age = time.time() - folder.stat().st_mtime
-        if age < _YOUNG:  # its writer may not have locked it yet
-            return False
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return False  # gone meanwhile
-    try:
-        return _lock(handle) or age > _OLD
-    except BlockingIOError:
-        return False
-    finally:
-        os.close(handle)
-
-
-def _lock(handle: int) -> bool:
-    """Lock an open folder; False where the file system cannot (NFS). Raises BlockingIOError if another has it."""
-    try:
-        flock(handle, LOCK_EX | LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError:
-        return False
-    return True
-
-
-def _move_into_place(temporary: Path, target: Path) -> None:
-    """Rename a folder, in place of one that stands. Where two processes do so at once, one of them wins."""
-    old = temporary.with_name(temporary.name + ".old")
-    try:
-        if target.exists():
-            target.rename(old)
-        temporary.rename(target)
-    except OSError as error:
-        raced = error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT) and temporary.is_dir()
-        if not (raced and (target / METADATA).is_file()):
-            raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)

@@ -64,6 +64,10 @@ class Place(Protocol):
         """Remove a file or folder, if it exists."""
         ...
 
+    def put_back(self) -> None:
+        """Give groups two levels below the root their names back that a writer which died had moved aside."""
+        ...
+
     def whole_group(self, key: str, attributes: dict[str, Any]) -> AbstractContextManager[Place]:
         """Yield a `Place` to write a group's arrays to. The group stands once it is left without an error, in place
         of an earlier one; after an error nothing of it is left.

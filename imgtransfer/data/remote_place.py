@@ -20,7 +20,8 @@ from render import InputError
 @dataclass(frozen=True)
 class RemotePlace:
     """A place behind fsspec. There is no renaming in object storage, so a group's metadata is written last, in
-    one piece: without it there is no group, and what an interrupted write left is removed by the next.
+    one piece: without it there is no group, and what an interrupted write left is removed by the next. So a clip that
+    is being replaced is lost should the writer be killed; on a local disk it is not.
     """
 
     filesystem: fsspec.AbstractFileSystem
@@ -39,7 +40,8 @@ class RemotePlace:
                 _read_web_servers_with_limits()
             filesystem, root = fsspec.url_to_fs(url, use_listings_cache=False)
         except (ImportError, ValueError) as error:
-            raise InputError(f"{url}: cannot be reached ({error})") from error
+            extra = "; pip install 'imgtransfer[remote]'" if isinstance(error, ImportError) else ""
+            raise InputError(f"{url}: cannot be reached ({error}){extra}") from error
         return cls(filesystem, url, root.rstrip("/"))
 
     @property
@@ -128,6 +130,9 @@ class RemotePlace:
     def remove(self, key: str) -> None:
         if self.filesystem.exists(self._path(key)):
             self.filesystem.rm(self._path(key), recursive=True)
+
+    def put_back(self) -> None:
+        """Nothing is ever moved aside here."""
 
     @contextmanager
     def whole_group(self, key: str, attributes: dict[str, Any]) -> Iterator[RemotePlace]:

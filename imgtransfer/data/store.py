@@ -87,7 +87,9 @@ class DataSet:
             raise InputError(
                 f"{path}: no data set; wanted is a folder made by `imgtransfer simulate` or `import`"
             )
-        return cls(path, read_root(place, str(path)), place)
+        attributes = read_root(place, str(path))
+        place.put_back()
+        return cls(path, attributes, place)
 
     @classmethod
     def open_or_create(

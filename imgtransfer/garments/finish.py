@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.sparse import coo_matrix
 
+from imgtransfer.extras import optional
 from imgtransfer.garments.cutting import border_edges, cut_at_zero, largest_component, without_pinches
 from imgtransfer.garments.field import Field
 from render.mesh import Mesh
@@ -25,8 +26,7 @@ def cut_surface(field: Field, cuts: Sequence[Cut], edge_length: float, source: s
         edge_length: wanted length of edges, metres.
         source: what messages call the mesh.
     """
-    import gpytoolbox  # noqa: PLC0415 (needs the extra `simulate`)
-
+    gpytoolbox = optional("gpytoolbox", "simulate", "cutting garments")
     rough = field.surface(source)
     vertices, faces = gpytoolbox.remesh_botsch(
         rough.vertices, rough.faces.astype(np.int32), _REMESHINGS, edge_length, True

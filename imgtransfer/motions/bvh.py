@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import JOINTS, PARENTS, local_poses, segment_direction
-from imgtransfer.motions.bvh_text import check_bvh
+from imgtransfer.extras import optional
 from imgtransfer.motions.motion import Motion, of_file, resample
 from imgtransfer.motions.skeletons import named_joints
 from render import InputError
@@ -82,12 +82,7 @@ class _Skeleton:
 
 def _read(path: Path) -> _Skeleton:
     check_bvh(path)
-    try:
-        import bvhio  # noqa: PLC0415 (optional)
-    except ImportError as error:
-        raise InputError(
-            f"{path}: BVH files need bvhio; install it with: pip install 'imgtransfer[simulate]'"
-        ) from error
+    bvhio = optional("bvhio", "simulate", f"{path}: reading BVH")
     try:
         read = bvhio.readAsBvh(str(path))
     except Exception as error:  # its reader raises whatever it meets

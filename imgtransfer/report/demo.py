@@ -24,7 +24,7 @@ from imgtransfer.report.glb import animated_glb
 from imgtransfer.report.html import Section, write_report
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import RunConfig
-from imgtransfer.training.loop import LOG_FILE
+from imgtransfer.training.log import LOG_FILE
 from render import write_png
 from render.files import written_whole
 from render.threads import one_blas_thread

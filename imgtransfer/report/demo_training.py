@@ -9,9 +9,11 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from imgtransfer.training.config import RunConfig, difference, load_config
-from imgtransfer.training.loop import CONFIG_FILE, train
+from imgtransfer.training.checkpoint import STATE_FILE, STATE_FORMAT, read_tensors
+from imgtransfer.training.config import RunConfig, load_config
+from imgtransfer.training.loop import train
 from imgtransfer.training.remaining import duration, say_remaining
+from imgtransfer.training.run_folder import CONFIG_FILE, may_go_on, only_trainer
 from imgtransfer.training.trainer import Trainer
 from render import InputError
 from render.files import written_whole
@@ -42,22 +44,34 @@ class Length:
 
 
 def trained(out: Path, config: RunConfig, length: Length) -> Path:
-    """The model of a run in `out`/run: new, gone on with, or finished before. A run of other settings is replaced.
+    """The model of a run in `out`/run: new, gone on with, or finished before.
+
+    A run there of other settings, or of more steps than are asked for, is replaced.
 
     Args:
         out: the demo's folder. config: of the training. length: in place of the configuration's steps.
 
     Returns:
         The model's file.
+
+    Raises:
+        InputError: another process trains there, or a damaged run.
     """
     folder = out / "run"
     config = _with_length(out, config, length)
-    if (folder / CONFIG_FILE).exists() and difference(load_config(folder / CONFIG_FILE), config):
+    if folder.exists() and not _goes_on(folder, config):
         print(f"The run in {folder} had other settings; starting a new one", file=sys.stderr)
-        shutil.rmtree(folder)
-    if folder.exists() and not (folder / "state.safetensors").exists():
-        shutil.rmtree(folder)  # stopped before anything was saved
+        with only_trainer(folder):
+            shutil.rmtree(folder)
     return train(config, folder, resume=folder.exists(), tell=_tell)
+
+
+def _goes_on(folder: Path, config: RunConfig) -> bool:
+    if not (folder / CONFIG_FILE).exists():
+        return False
+    state = folder / STATE_FILE
+    done = int(read_tensors(state, STATE_FORMAT)[1]["step"]) if state.exists() else 0
+    return may_go_on(load_config(folder / CONFIG_FILE), config) and done <= config.training.steps
 
 
 def _tell(seconds: float) -> None:
@@ -74,7 +88,7 @@ def _with_length(out: Path, config: RunConfig, length: Length) -> RunConfig:
         steps = _steps_in(out, config, length.minutes)
     if steps is None:
         return config
-    warm_up = min(config.training.warmup_steps, steps // 10)
+    warm_up = min(config.training.warmup_steps, steps // 4)
     training = config.training.model_copy(update={"steps": steps, "warmup_steps": warm_up})
     return config.model_copy(update={"training": training})
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from imgtransfer.training.log import read_entries
 from render import InputError
+from render.files import check_regular
 
 Curves = dict[str, tuple[list[float], list[float]]]
 
@@ -25,20 +27,21 @@ def read_curves(path: str | Path, keys: Mapping[str, str], *, points: int = 150)
         By name, steps and values, for `curve_picture`; a key that no line has gives no curve.
 
     Raises:
-        InputError: no such file, or a line that is not such an object.
+        InputError: no such file, or no line that is such an object; where some are not, a note says so.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; the log of a training run is wanted")
-    try:
-        entries = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
-        steps = [float(entry["step"]) for entry in entries]
-    except (ValueError, TypeError, KeyError) as error:
-        raise InputError(f"{path}: not a training log of JSON lines with a step each ({error})") from error
+    check_regular(path, "the log of a training run")
+    entries, unreadable = read_entries(path)
+    if unreadable and not entries:
+        raise InputError(f"{path}: not a training log of JSON lines with a step each")
+    if unreadable:
+        print(f"note: {path}: {unreadable} damaged lines are left out", file=sys.stderr)
     curves: Curves = {}
     for key, name in keys.items():
         pairs = [
-            (step, float(entry[key])) for step, entry in zip(steps, entries, strict=True) if key in entry
+            (float(entry["step"]), float(entry[key]))
+            for entry in entries
+            if isinstance(entry.get(key), int | float)
         ]
         if pairs:
             blocks = np.array_split(np.array(pairs), min(points, len(pairs)))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
+import threading
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from imgtransfer.extras import optional
 from imgtransfer.running.task import WORKER_VARIABLE, Outcome, attempt, call_packed, pack
 from render import InputError
 
@@ -39,11 +42,16 @@ class Cluster:
         ours = not ray.is_initialized()
         if ours:
             self._check_listening()
+            at_sigterm = signal.getsignal(signal.SIGTERM)
             try:
                 ray.init(address=self.address, log_to_driver=False, logging_level="warning")
             except (ConnectionError, ValueError, RuntimeError, OSError) as error:
                 reason = " ".join(str(error).split())
                 raise InputError(f"--ray {self.address}: no Ray cluster answers there ({reason})") from error
+            if threading.current_thread() is threading.main_thread():
+                signal.signal(
+                    signal.SIGTERM, at_sigterm
+                )  # Ray has set its own, which ends without cleaning up
         pending: dict[Any, int] = {}
         try:
             limit = _IN_FLIGHT * max(1, int(ray.cluster_resources().get("CPU", 1)))
@@ -78,13 +86,7 @@ class Cluster:
 
 
 def _ray() -> Any:
-    try:
-        import ray  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError(
-            "--ray needs the package ray: install the extra cluster, pip install imgtransfer[cluster]"
-        ) from error
-    return ray
+    return optional("ray", "cluster", "--ray")
 
 
 def _attempt(packed: bytes, index: int) -> Outcome[Any]:

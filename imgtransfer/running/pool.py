@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -148,6 +149,9 @@ class _Worker:
 def _work(connection: Connection) -> None:
     """What a process does: tasks from the connection, until that or the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its processes
+    signal.signal(
+        signal.SIGTERM, lambda number, _: sys.exit(128 + number)
+    )  # by this: what is half-written goes
     threading.Thread(target=_end_with_parent, daemon=True).start()
     while True:
         try:

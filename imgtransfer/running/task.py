@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
+from imgtransfer.memory import shortage
 from render import InputError
 from render.threads import one_blas_thread
 
@@ -69,6 +70,8 @@ def attempt(function: Callable[[T], R], task: T, index: int) -> Outcome[R]:
     except OSError as error:  # no permission, a full disk, a file where a folder is wanted
         return Outcome(index, reason=f"{error.filename or 'files'}: {error.strerror or error}")
     except Exception as error:
+        if lack := shortage(error):
+            return Outcome(index, reason=lack)
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         return Outcome(index, reason=reason, details=traceback.format_exc())
 

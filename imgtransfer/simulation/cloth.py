@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from imgtransfer.extras import optional
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
 from imgtransfer.simulation.descent import CONTACT_DAMPING, ClothDescent
-from render import InputError
 from render.mesh import Mesh
 
 GRAVITY = (0.0, -9.81, 0.0)  # m/s²
@@ -135,10 +135,4 @@ def _libraries() -> tuple[Any, Any]:
     """
     import warp  # noqa: PLC0415 (heavy)
 
-    try:
-        import newton  # noqa: PLC0415 (heavy, optional)
-    except ImportError as error:
-        raise InputError(
-            "simulation needs Newton; install it with: pip install 'imgtransfer[simulate]'"
-        ) from error
-    return warp, newton
+    return warp, optional("newton", "simulate", "simulation")

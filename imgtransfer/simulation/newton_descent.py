@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from imgtransfer.extras import optional
 from imgtransfer.simulation.config import ClothConfig
 from imgtransfer.simulation.descent import CONTACT_GAP
 
@@ -21,8 +22,7 @@ class NewtonDescent:
     def __init__(
         self, model: Any, material: ClothConfig, iterations: int, *, self_contact: bool = True
     ) -> None:
-        import newton  # noqa: PLC0415 (heavy, optional)
-
+        newton = optional("newton", "simulate", "simulation")
         self._pipeline = newton.CollisionPipeline(model, soft_contact_gap=CONTACT_GAP)
         self._contacts = self._pipeline.contacts()
         base = newton.solvers.SolverBase

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from render import InputError
+from imgtransfer.extras import optional
 
 
 class SkinPoints:
@@ -24,7 +24,7 @@ class SkinPoints:
             return
         rest = rest.astype(np.float64)
         spanning = faces[_area(rest[faces]) > 1e-12].astype(np.int32)
-        _, nearest, self._weights = _library().squared_distance(
+        _, nearest, self._weights = optional("gpytoolbox", "simulate", "simulation").squared_distance(
             points.astype(np.float64), rest, F=spanning, use_cpp=True
         )
         self._corners = spanning[nearest]
@@ -52,13 +52,3 @@ def _area(corners: np.ndarray) -> np.ndarray:
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-
-
-def _library():  # type: ignore[no-untyped-def]
-    try:
-        import gpytoolbox  # noqa: PLC0415 (optional)
-    except ImportError as error:
-        raise InputError(
-            "simulation needs gpytoolbox; install it with: pip install 'imgtransfer[simulate]'"
-        ) from error
-    return gpytoolbox

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -106,11 +107,11 @@ def _check_shapes(network: NetworkConfig, maps: MapsConfig, tensors: dict[str, T
             raise InputError(
                 f"{path}: the weights are of another architecture ({len(there)} blocks of {part}, not {stated})"
             )
-    there = sum(value.numel() for key, value in tensors.items() if key.startswith("model."))
+    count = sum(value.numel() for key, value in tensors.items() if key.startswith("model."))
     least = 2 * least_weights(network, maps)
-    if there < least:
+    if count < least:
         raise InputError(
-            f"{path}: the weights are of another architecture ({there} of them, and its header needs {least} at least)"
+            f"{path}: the weights are of another architecture ({count} of them, and its header needs {least} at least)"
         )
 
 
@@ -144,11 +145,44 @@ def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -
         raise InputError(f"{path}: the weights are of another architecture ({_line(error)})") from error
 
 
+def optimizer_state(
+    tensors: dict[str, Tensor], parameters: Sequence[Tensor], path: Path, *, begun: bool
+) -> dict[int, dict[str, Tensor]]:
+    """The tensors "optimizer.NUMBER.NAME" by number and name, as the optimiser takes them.
+
+    Raises:
+        InputError: not what an optimiser of these parameters has, or nothing though it has `begun`.
+    """
+    state: dict[int, dict[str, Tensor]] = {}
+    for key, value in tensors.items():
+        kind, _, rest = key.partition(".")
+        number, _, name = rest.partition(".")
+        if kind == "optimizer" and number.isdecimal():
+            state.setdefault(int(number), {})[name] = value
+    wanted = {
+        number: {"step": torch.Size(()), "exp_avg": parameter.shape, "exp_avg_sq": parameter.shape}
+        for number, parameter in enumerate(parameters)
+    }
+    found = {number: {name: value.shape for name, value in its.items()} for number, its in state.items()}
+    if bool(found) != begun or not found.items() <= wanted.items():
+        raise InputError(
+            f"{path}: damaged, its optimiser's state does not fit the model; choose another --out for a new run"
+        )
+    return state
+
+
 def write_tensors(path: str | Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> Path:
-    """Write a safetensors file whole or not at all; `header` becomes JSON in its metadata."""
+    """Write a safetensors file whole or not at all; `header` becomes JSON in its metadata.
+
+    Raises:
+        InputError: it cannot be written, such as for want of space.
+    """
     whole = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
-    with written_whole(Path(path)) as temporary:
-        save_file(whole, temporary, metadata={"imgtransfer": json.dumps(header)})
+    try:
+        with written_whole(Path(path)) as temporary:
+            save_file(whole, temporary, metadata={"imgtransfer": json.dumps(header)})
+    except SafetensorError as error:  # instead of an OSError
+        raise InputError(f"{path}: cannot be written ({_line(error)})") from error
     return Path(path)
 
 

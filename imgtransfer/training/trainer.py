@@ -18,6 +18,7 @@ from imgtransfer.training.checkpoint import (
     STATE_FILE,
     STATE_FORMAT,
     load_weights,
+    optimizer_state,
     read_tensors,
     save_model,
     write_tensors,
@@ -159,36 +160,38 @@ class Trainer:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision.name == "bfloat16")
 
     def save(self, folder: Path) -> None:
-        """Write the model and the state to resume from; each file appears whole or not at all."""
-        save_model(folder / MODEL_FILE, self.model, stored=self.config.training.stored, steps=self.step)
+        """Write the state to resume from, then the model; each file appears whole or not at all."""
         tensors = {f"model.{key}": value for key, value in self.model.state_dict().items()}
         for index, moments in self.optimizer.state_dict()["state"].items():
             tensors |= {f"optimizer.{index}.{key}": value for key, value in moments.items()}
-        box = {"box_lo": self.model.box.lo.tolist(), "box_hi": self.model.box.hi.tolist()}
-        header = {"format": STATE_FORMAT, "format_version": FORMAT_VERSION, "step": self.step, **box}
+        header = {"format": STATE_FORMAT, "format_version": FORMAT_VERSION, "step": self.step, **self._box()}
         write_tensors(folder / STATE_FILE, tensors, header)
+        save_model(folder / MODEL_FILE, self.model, stored=self.config.training.stored, steps=self.step)
 
     def load(self, folder: Path) -> None:
         """Go on where `save` left off.
 
         Raises:
-            InputError: no state there, of another architecture, or trained on other data.
+            InputError: a state that is damaged, of another architecture, or trained on other data.
         """
         path = folder / STATE_FILE
         tensors, header = read_tensors(path, STATE_FORMAT)
-        if [header["box_lo"], header["box_hi"]] != [self.model.box.lo.tolist(), self.model.box.hi.tolist()]:
+        step, found = header.get("step"), {key: header.get(key) for key in self._box()}
+        if not isinstance(step, int) or isinstance(step, bool) or step < 0:
+            raise InputError(f"{path}: damaged, its step is {step!r}; choose another --out for a new run")
+        if found != self._box():
             raise InputError(
                 f"{path}: the training data have changed since; start a new run with another --out"
             )
         load_weights(self.model, tensors, path)
-        state: dict[int, dict[str, Tensor]] = {}
-        for key, value in tensors.items():
-            if key.startswith("optimizer."):
-                _, index, name = key.split(".", 2)
-                state.setdefault(int(index), {})[name] = value
+        state = optimizer_state(tensors, list(self.model.parameters()), path, begun=step > 0)
         groups = self.optimizer.state_dict()["param_groups"]
         self.optimizer.load_state_dict({"state": state, "param_groups": groups})
-        self.step = int(header["step"])
+        self.step = step
+
+    def _box(self) -> dict[str, list[float]]:
+        """The position box as headers have it, by which other training data are noticed."""
+        return {"box_lo": self.model.box.lo.tolist(), "box_hi": self.model.box.hi.tolist()}
 
 
 def _device(wanted: str) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from render import InputError
+from render.files import written_whole
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,12 @@ def square(task: Task) -> int:
     if task.fault == "bug":
         raise ZeroDivisionError("a bug")
     return task.number**2
+
+
+def square_into_file(task: Task) -> None:
+    """`square`, written to a file that appears whole or not at all."""
+    with written_whole(task.folder / f"{task.number}.result") as temporary:
+        temporary.write_text(str(square(task)))
 
 
 def threads(task: Task) -> str:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from full_disk import full_disk
 from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 from test_prediction import model_for
@@ -403,3 +405,66 @@ def test_what_cannot_be_parsed_is_refused_by_every_command(capsys: pytest.Captur
             main(argv)
         assert stopped.value.code == 2
         assert "error: " in capsys.readouterr().err
+
+
+# a full disk
+
+WRITERS: dict[str, tuple[list[object], str]] = {
+    "predict": (["predict", "model.safetensors", "clip.npz", "--out", "out"], "out/clip/maps.npz"),
+    "render": (["render", "clip.npz", "--size", "32", "--out", "out"], "out/clip/body.npz"),
+    "render exr": (
+        ["render", "clip.npz", "--size", "128", "--format", "exr", "--out", "out"],
+        "out/clip/body/00000.0.exr",
+    ),
+    "export npz": (["export", "clip.npz", "clip", "--out", "out/clip.npz"], "out/clip.npz"),
+    "export glb": (["export", "clip.npz", "clip", "--out", "out/clip.glb"], "out/clip.glb"),
+    "export obj": (["export", "clip.npz", "clip", "--out", "out"], "out"),
+    "import": (["import", "clip.npz", "--split", "train", "--to", "out"], "out/clip/clip"),
+}
+
+
+@pytest.mark.parametrize("command", WRITERS)
+def test_a_full_disk_is_one_line_that_names_the_file(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(here)
+    argv, named = WRITERS[command]
+    with full_disk(20_000 if command == "render exr" else 2000):
+        refused(capsys, *argv, message=f"error: {named}: File too large")
+    assert not Path(named).is_file()
+    assert not list(here.rglob(".*"))
+
+
+# packages that are not there
+
+EXTRAS: dict[str, tuple[str, list[object], str]] = {
+    "newton": (
+        "newton",
+        ["simulate", "simulation.yaml", "--out", "out"],
+        "simulate needs the package newton",
+    ),
+    "gpytoolbox": ("gpytoolbox", ["simulate", "simulation.yaml", "--out", "out"], "the package gpytoolbox"),
+    "bvhio": (
+        "bvhio",
+        ["simulate", "turn.bvh", "--out", "out"],
+        "turn.bvh: reading BVH needs the package bvhio",
+    ),
+    "ray": ("ray", ["fuse", "p", "--ray", "auto"], "imgtransfer[cluster]"),
+    "aiohttp": ("aiohttp", ["inspect", "http://127.0.0.1:9/set"], "imgtransfer[remote]"),
+}
+
+
+@pytest.mark.parametrize("package", EXTRAS)
+def test_a_missing_package_is_one_line_that_names_its_extra(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, package: str
+) -> None:
+    monkeypatch.chdir(here)
+    name, argv, message = EXTRAS[package]
+    monkeypatch.setitem(sys.modules, name, None)  # type: ignore[arg-type] # as if it were not installed
+    for loaded in [module for module in sys.modules if module.startswith("fsspec.implementations.http")]:
+        monkeypatch.delitem(sys.modules, loaded)
+    (here / "turn.bvh").write_text(
+        "HIERARCHY\nROOT hip\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n}\n"
+        "MOTION\nFrames: 2\nFrame Time: 0.1\n0 0 0\n0 0 0\n"
+    )
+    refused(capsys, *argv, message=message, out=here / "out")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, load_clip, save_clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
+from imgtransfer.predictions import predicted_clips
 from imgtransfer.training.checkpoint import save_model
 from render import InputError, Mesh, PositionBox, load_maps
 
@@ -163,6 +166,36 @@ def test_the_command_leaves_what_the_same_model_predicted(
     (tmp_path / "o" / "walk" / "notes.txt").write_text("precious")
     assert main([*command, "--overwrite"]) == 2
     assert "holds other files" in capsys.readouterr().err
+
+
+def test_sigterm_leaves_nothing_half_written_and_a_lost_prediction_is_put_back(
+    tube_clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_model(tmp_path / "model.safetensors", model_for(tube_clip))
+    save_clip(tmp_path / "walk.npz", tube_clip)
+    out = tmp_path / "out"
+    command = [
+        "predict",
+        *(str(tmp_path / name) for name in ("model.safetensors", "walk.npz")),
+        "--out",
+        str(out),
+    ]
+
+    def killed(*_: object) -> None:
+        assert len(list(out.glob(".walk-*"))) == 1
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("render.files.put_in_place", killed)
+        assert main(command) == 143
+    assert capsys.readouterr().err.splitlines()[-1] == "imgtransfer: stopped"
+    assert list(out.iterdir()) == []
+    assert main(command) == 0
+    (out / "walk").rename(out / ".walk-abcdefgh.old")  # as a kill between two renamings leaves it
+    assert predicted_clips(out) == [out / "walk"]
+    (out / "walk").rename(out / ".walk-abcdefgh.old")
+    assert main(command) == 0
+    assert [path.name for path in out.iterdir()] == ["walk"]
 
 
 def test_the_command_refuses_another_garment_before_it_writes(tube_clip: Clip, tmp_path: Path) -> None:

@@ -13,8 +13,10 @@ import pytest
 import running_examples
 from running_examples import Task, square
 
+from imgtransfer.cli.main import exit_status
 from imgtransfer.running import Executor, Pool, Serial, executor_for, run_tasks
 from imgtransfer.running.cluster import Cluster
+from imgtransfer.running.task import attempt
 from render import InputError
 
 
@@ -90,18 +92,20 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a test in the background inherits that it is ignored
 sys.path[:0] = {paths!r}
 from pathlib import Path
-from running_examples import Task, square
+from running_examples import Task, square_into_file
 from imgtransfer.cli.main import exit_status
 from imgtransfer.running import Pool, run_tasks
 if __name__ == "__main__":
     tasks = [Task(number, Path({folder!r}), seconds=60) for number in range(4)]
-    work = lambda: run_tasks(square, tasks, executor=Pool(2), name=lambda task: task.name)
+    work = lambda: run_tasks(square_into_file, tasks, executor=Pool(2), name=lambda task: task.name)
     sys.exit(exit_status(work, program="test", stopped="stopped"))
 """
 
 
 @pytest.mark.parametrize(
-    ("number", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)], ids=["Ctrl-C", "kill -9"]
+    ("number", "status"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)],
+    ids=["Ctrl-C", "SIGTERM", "kill -9"],
 )
 def test_nothing_goes_on_when_the_parent_ends(tmp_path: Path, number: int, status: int) -> None:
     program = tmp_path / "parent.py"
@@ -116,9 +120,10 @@ def test_nothing_goes_on_when_the_parent_ends(tmp_path: Path, number: int, statu
         parent.send_signal(number)
     err = parent.communicate(timeout=20)[1].decode()
     assert parent.returncode == status
-    if number == signal.SIGINT:
+    if number != signal.SIGKILL:
         assert err.splitlines()[-1] == "test: stopped"
         assert "Traceback" not in err
+        assert not list(tmp_path.glob(".*"))  # half-written results
     _until(lambda: not any(_alive(worker) for worker in workers))
     assert len(list(tmp_path.glob("*-*-*"))) == 2  # no other task was begun
 
@@ -135,6 +140,43 @@ def _alive(process: int) -> bool:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "not enough memory"),
+        (MemoryError("Unable to allocate 112. GiB"), "not enough memory (Unable to allocate 112. GiB)"),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried"), "not enough memory (Default"),
+    ],
+)
+def test_too_little_memory_is_one_line(
+    capsys: pytest.CaptureFixture[str], error: Exception, said: str
+) -> None:
+    def work(_: object = None) -> None:
+        raise error
+
+    assert exit_status(work, program="test", stopped="stopped") == 2
+    assert capsys.readouterr().err.startswith(f"test: error: {said}")
+    assert str(attempt(work, None, 0).reason).startswith(said)
+    with pytest.raises(RuntimeError, match="something else"):
+        exit_status(lambda: (_ for _ in ()).throw(RuntimeError("something else")), program="test", stopped="")
+
+
+def test_the_second_sigterm_ends_the_process_at_once(tmp_path: Path) -> None:
+    program = """if True:
+        import os, signal, sys
+        from imgtransfer.cli.main import exit_status
+        def work():
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+            finally:
+                print("cleaning up", flush=True)
+                os.kill(os.getpid(), signal.SIGTERM)
+        sys.exit(exit_status(work, program="test", stopped="stopped"))
+    """
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGTERM, "cleaning up\n", "")
 
 
 def test_check_lists_the_failures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

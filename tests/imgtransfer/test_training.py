@@ -261,6 +261,7 @@ def test_resuming_another_configuration_is_refused(
         train(small_config(source, batch_frames=3), whole, resume=True)
     with pytest.raises(InputError, match="no run to resume"):
         train(config, tmp_path / "other", resume=True)
+    assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.parametrize("stored", ["float32", "float16"])

@@ -4,7 +4,6 @@ import torch
 from example_meshes import sphere, two_triangles
 
 from render import InputError, Mesh, vertex_normals
-from render.files import written_whole, written_whole_folder
 
 SQUARE = two_triangles()
 
@@ -64,25 +63,3 @@ def test_vertex_normals_gradient_and_batch():
     batch = torch.stack([vertices, vertices * torch.tensor([1, 2, 3])])
     for k in range(2):
         torch.testing.assert_close(vertex_normals(batch, faces)[k], vertex_normals(batch[k], faces))
-
-
-def test_files_appear_whole_or_not_at_all(tmp_path):
-    target = tmp_path / "new" / "a.txt"
-    with pytest.raises(TypeError), written_whole(target) as temporary:
-        temporary.write_text(None)
-    assert list(target.parent.iterdir()) == []
-    with written_whole(target) as temporary:
-        temporary.write_text("whole")
-    assert target.read_text() == "whole"
-    assert [path.name for path in target.parent.iterdir()] == ["a.txt"]
-
-
-def test_folders_appear_whole_or_not_at_all(tmp_path):
-    target = tmp_path / "data"
-    for text in ("first", "second"):
-        with written_whole_folder(target) as temporary:
-            (temporary / "a.txt").write_text(text)
-    with pytest.raises(TypeError), written_whole_folder(target) as temporary:
-        (temporary / "a.txt").write_text(None)
-    assert (target / "a.txt").read_text() == "second"
-    assert [path.name for path in tmp_path.iterdir()] == ["data"]
