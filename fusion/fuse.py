@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,10 +11,7 @@ import torch
 
 from fusion.config import FusionConfig
 from fusion.inputs import Array, FusionInputs
-from fusion.parallel import one_torch_thread
-from fusion.pipeline import Piece, Pipeline
-from fusion.stages import Minimum, edge_weights, normal_weights
-from fusion.stopwatch import Stopwatch
+from fusion.stream import fuse_batches, slices
 from render.imager import TemplateImager
 
 
@@ -108,70 +104,18 @@ def fuse(
         under_vertices=under_vertices,
         under_faces=under_faces,
     )
-    started = time.perf_counter()
-    pieces = []
-    watch = Stopwatch(torch.device(device))
-    with one_torch_thread():
-        with watch.stage("setup"):
-            pipeline = Pipeline(imager, inputs, config, torch.device(device))
-        for piece in pipeline.pieces(watch):
-            pieces.append(piece)
-            if progress is not None:
-                progress(len(pieces[-1].vertices))
-    vertices, start = (np.concatenate([getattr(p, key) for p in pieces]) for key in ("vertices", "initial"))
-    seconds = time.perf_counter() - started
-    report = _report(pieces, config, history) | {
-        "seconds": seconds,
-        "seconds_per_frame": seconds / inputs.n_frames,
-        "stage_seconds": watch.seconds,
-    }
+    weighted = inputs.confidence is not None and bool((inputs.confidence[:, imager.mask] != 1).any())
+    pieces: list[tuple[np.ndarray, np.ndarray]] = []
+    report = fuse_batches(
+        imager,
+        inputs.n_frames,
+        lambda size: (inputs.part(frames) for frames in slices(inputs.n_frames, size)),
+        lambda piece: pieces.append((piece.vertices, piece.initial)),
+        config=config,
+        device=device,
+        weighted=weighted,
+        history=history,
+        progress=progress,
+    )
+    vertices, start = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
     return FusionResult(vertices, start, report)
-
-
-def _report(pieces: list[Piece], config: FusionConfig, history: bool) -> dict[str, Any]:
-    """Means over all frames."""
-    frames = np.array([len(piece.vertices) for piece in pieces])
-    terms: dict[str, dict[str, dict[str, float]]] = {}
-    totals: dict[str, dict[str, float]] = {}
-    iterations: dict[str, float] = {}
-    curves: dict[str, dict[str, list[float]]] = {}
-    for stage, weigh in (("edge", edge_weights), ("normal", normal_weights)):
-        found = [piece.stages[stage] for piece in pieces if stage in piece.stages]
-        if not found:
-            continue
-        curve = _mean_history(found)
-        curve["total"] = sum(weigh(config)[name] * values for name, values in curve.items())
-        ends = {"start": 0, "end": -1}
-        terms[stage] = {
-            when: {name: float(values[k]) for name, values in curve.items() if name != "total"}
-            for when, k in ends.items()
-        }
-        totals[stage] = {when: float(curve["total"][k]) for when, k in ends.items()}
-        iterations[stage] = float(torch.cat([minimum.iterations for minimum in found]).double().mean())
-        curves[stage] = {name: values.tolist() for name, values in curve.items()}
-    report: dict[str, Any] = {
-        "solver": config.solver,
-        "frames": int(frames.sum()),
-        "terms": terms,
-        "total": totals,
-        "iterations": iterations,
-        "unseen_percent": 100 * float(np.concatenate([piece.unseen for piece in pieces]).mean()),
-    }
-    inside = [piece.inside for piece in pieces if piece.inside is not None]
-    if inside:
-        before, after = (100 * float(np.concatenate(part).mean()) for part in zip(*inside, strict=True))
-        report["penetration_percent"] = {"before_clearance": before, "after": after}
-    return report | ({"history": curves} if history else {})
-
-
-def _mean_history(found: list[Minimum]) -> dict[str, Any]:
-    """(K,) float64 by term: the mean over all frames; those that finished sooner stay at their last value."""
-    longest = max(len(next(iter(minimum.history.values()))) for minimum in found)
-    curves = {}
-    for name in found[0].history:
-        parts = []
-        for minimum in found:
-            values = minimum.history[name].double().cpu()
-            parts.append(torch.cat([values, values[-1:].expand(longest - len(values), -1)]))
-        curves[name] = torch.cat(parts, dim=1).mean(1).numpy()
-    return curves
