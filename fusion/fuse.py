@@ -3,36 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
 import torch
 
 from fusion.config import FusionConfig
 from fusion.inputs import Array, FusionInputs
-from fusion.stream import fuse_batches, slices
+from fusion.stream import FusionResult, collected, fuse_batches, slices
 from render.imager import TemplateImager
-
-
-@dataclass(frozen=True, eq=False)
-class FusionResult:
-    """Vertices recovered from maps.
-
-    Args:
-        vertices: (T, N, 3) float32, metres.
-        initial: (T, N, 3) float32, metres, before any optimisation.
-        report: plain numbers by name, means over frames: `solver`; `terms` at the start and end of each stage
-            (unweighted, lengths in metres) and `total`, their weighted sum; `iterations` by stage;
-            `unseen_percent` of the vertices, `penetration_percent` before and after the clean-up (where there is a
-            body or a garment beneath); `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads
-            together: setup, start, edge, normal, clearance); `history` on request: by stage and term (or "total")
-            a list with one value an iteration, from before the first to after the last.
-    """
-
-    vertices: np.ndarray
-    initial: np.ndarray
-    report: dict[str, Any]
 
 
 def fuse(
@@ -105,17 +82,16 @@ def fuse(
         under_faces=under_faces,
     )
     weighted = inputs.confidence is not None and bool((inputs.confidence[:, imager.mask] != 1).any())
-    pieces: list[tuple[np.ndarray, np.ndarray]] = []
-    report = fuse_batches(
-        imager,
-        inputs.n_frames,
-        lambda size: (inputs.part(frames) for frames in slices(inputs.n_frames, size)),
-        lambda piece: pieces.append((piece.vertices, piece.initial)),
-        config=config,
-        device=device,
-        weighted=weighted,
-        history=history,
-        progress=progress,
+    return collected(
+        lambda take: fuse_batches(
+            imager,
+            inputs.n_frames,
+            lambda size: (inputs.part(frames) for frames in slices(inputs.n_frames, size)),
+            take,
+            config=config,
+            device=device,
+            weighted=weighted,
+            history=history,
+            progress=progress,
+        )
     )
-    vertices, start = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
-    return FusionResult(vertices, start, report)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 
 from fusion.config import FusionConfig
@@ -19,13 +21,15 @@ from render.imager import TemplateImager
 
 #: Given how many frames make a batch, all frames in order, so many at a time; the last batch may be smaller.
 Batches = Callable[[int], Iterator[FusionInputs]]
+#: Gets every batch that is solved, in order.
+Take = Callable[[Piece], object]
 
 
 def fuse_batches(
     imager: TemplateImager,
     n_frames: int,
     batches: Batches,
-    take: Callable[[Piece], object],
+    take: Take,
     *,
     config: FusionConfig,
     device: str | torch.device = "cpu",
@@ -75,3 +79,31 @@ def fuse_batches(
 def slices(n_frames: int, size: int) -> Iterator[slice]:
     """All frames, `size` at a time."""
     return (slice(first, min(first + size, n_frames)) for first in range(0, n_frames, size))
+
+
+@dataclass(frozen=True, eq=False)
+class FusionResult:
+    """Vertices recovered from maps.
+
+    Args:
+        vertices: (T, N, 3) float32, metres.
+        initial: (T, N, 3) float32, metres, before any optimisation.
+        report: plain numbers by name, means over frames: `solver`; `terms` at the start and end of each stage
+            (unweighted, lengths in metres) and `total`, their weighted sum; `iterations` by stage;
+            `unseen_percent` of the vertices, `penetration_percent` before and after the clean-up (where there is a
+            body or a garment beneath); `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads
+            together: setup, start, edge, normal, clearance); `history` on request: by stage and term (or "total")
+            a list with one value an iteration, from before the first to after the last.
+    """
+
+    vertices: np.ndarray
+    initial: np.ndarray
+    report: dict[str, Any]
+
+
+def collected(solve: Callable[[Take], dict[str, Any]]) -> FusionResult:
+    """All frames of a fusion: `solve` hands its batches on and returns the report."""
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    report = solve(lambda piece: found.append((piece.vertices, piece.initial)))
+    vertices, initial = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return FusionResult(vertices, initial, report)
