@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,10 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from imgtransfer.data.arrays import StoredArray
-from imgtransfer.data.clip import Clip, load_clip
+from imgtransfer.data.clip import Clip, check_clip_npz, load_clip
 from imgtransfer.data.place import METADATA, Place
 from imgtransfer.data.schema import ARRAYS, NEVER_ZERO, PER_FRAME, REQUIRED_ARRAYS
 from render import InputError
+from render.npz import open_npz
 
 
 class Reader(Protocol):
@@ -74,12 +74,9 @@ class NpzReader:
 
     @cached_property
     def n_frames(self) -> int:
-        try:  # the shape stands at the head of the array
-            with zipfile.ZipFile(self.path) as archive, archive.open("body_vertices.npy") as file:
-                np.lib.format.read_magic(file)
-                return int(np.lib.format.read_array_header_1_0(file)[0][0])
-        except (OSError, KeyError, ValueError, IndexError, zipfile.BadZipFile):
-            return load_clip(self.path).n_frames  # or it says what is wrong
+        with open_npz(self.path, "a clip npz") as npz:  # the shape stands at the head of the array
+            check_clip_npz(npz, self.path)
+            return npz.shape("body_vertices")[0]
 
     @property
     def frames_per_chunk(self) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -13,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from imgtransfer.bodies.smpl import JOINTS
 from imgtransfer.motions.motion import Motion, resample
 from render import InputError
+from render.npz import open_npz
 
 BODY_COLUMNS = 3 * len(JOINTS)
 
@@ -36,16 +36,9 @@ def load_amass(path: str | Path, *, fps: float = 30.0, up_axis: UpAxis = "auto")
             does not show which way is up.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; an AMASS-style npz with poses, trans and mocap_framerate is wanted"
-        )
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            wanted = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "leg_length")
-            arrays = {key: stored[key] for key in wanted if key in stored.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
+    wanted = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "leg_length")
+    with open_npz(path, "an AMASS-style npz with poses, trans and mocap_framerate") as npz:
+        arrays = {key: npz.read(key) for key in wanted if key in npz}
     if "mocap_frame_rate" in arrays:  # the spelling of SMPL-X releases
         arrays.setdefault("mocap_framerate", arrays.pop("mocap_frame_rate"))
     missing = [key for key in ("poses", "trans", "mocap_framerate") if key not in arrays]
