@@ -32,6 +32,7 @@ class FusionInputs:
 
     Attributes:
         n_frames: T.
+        first: the number of the first of them in their clip.
         rest: the garment whose edge lengths are kept; the imager's template where none is given.
         positions, normals: (T, S, H, W, 3) float32 on the CPU, finite in the background too, whatever it held.
         confidence: (T, S, H, W) float32 on the CPU, at least 0, 0 in the background.
@@ -99,7 +100,8 @@ class FusionInputs:
         for name in _BY_FRAME:
             values = getattr(self, name)
             setattr(found, name, None if values is None else values[frames])
-        found.n_frames = len(range(*frames.indices(self.n_frames)))
+        chosen = range(*frames.indices(self.n_frames))
+        found.first, found.n_frames = self.first + chosen.start, len(chosen)
         return found
 
     def _take(
@@ -121,7 +123,7 @@ class FusionInputs:
         assert start is not None
         if start.ndim == 0 or len(start) == 0:
             raise InputError("fuse: no frames; the first axis of the maps is the frame")
-        self.n_frames, self._first = len(start), first
+        self.n_frames, self.first = len(start), first
         mask = self._imager.mask
         maps = (self.n_frames, *mask.shape, 3)
         self.positions = self._checked("positions", positions, maps, mask)
@@ -152,7 +154,7 @@ class FusionInputs:
         empty = (confidence == 0).flatten(1).all(1)
         if bool(empty.any()):
             raise InputError(
-                f"fuse: confidence is 0 at every covered pixel of frame {self._first + int(empty.nonzero()[0])}; "
+                f"fuse: confidence is 0 at every covered pixel of frame {self.first + int(empty.nonzero()[0])}; "
                 "leave it out"
             )
         return confidence
@@ -184,7 +186,7 @@ class FusionInputs:
             frame, *place = bad.nonzero()[0].tolist()
             raise InputError(
                 f"fuse: {name} has {int(bad.sum())} values that are not finite, the first at "
-                f"{[self._first + frame, *place]}"
+                f"{[self.first + frame, *place]}"
             )
         return torch.where(mask[..., None] if len(shape) == 5 else mask, tensor, 0.0)
 

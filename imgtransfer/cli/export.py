@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _write_frames(folder: Path, clip: Clip, kind: MeshKind, step: int) -> None:
-    from imgtransfer.data.mesh_output import add_mesh_frames  # noqa: PLC0415
+    from imgtransfer.data.mesh_output import MeshFrames  # noqa: PLC0415
     from render import Mesh  # noqa: PLC0415
     from render.files import written_whole_folder  # noqa: PLC0415
 
@@ -82,5 +82,6 @@ def _write_frames(folder: Path, clip: Clip, kind: MeshKind, step: int) -> None:
         meshes["garment"] = (clip.garment_vertices, clip.template, "template")
     with written_whole_folder(folder) as temporary:
         for name, (vertices, rest, still) in meshes.items():
-            numbers = range(0, clip.n_frames, step)
-            add_mesh_frames(temporary, vertices[::step], rest, kind, name=name, numbers=numbers, still=still)
+            frames = MeshFrames(temporary, rest, kind, name=name, step=step)
+            frames.add(vertices[::step])
+            frames.add_still(still)
