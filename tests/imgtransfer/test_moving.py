@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from imgtransfer.moving import Pins, open_moving, load_pins
+from imgtransfer.moving import Pins, load_pins, open_moving
 from render import InputError
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
