@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-
-from render.errors import InputError
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
 class FusionConfig(BaseModel):
@@ -133,24 +129,3 @@ class FusionConfig(BaseModel):
                 "warm_start solves frames one after the other, weight_temporal all at once; set one of them"
             )
         return self
-
-
-def load_config(path: Path | str) -> FusionConfig:
-    """Read a YAML file that holds only what differs from the defaults.
-
-    Raises:
-        InputError: no such file, no YAML mapping, an unknown key, or a value out of range.
-    """
-    path = Path(path)
-    try:
-        values = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
-    if values is not None and not isinstance(values, dict):
-        raise InputError(f"{path}: a mapping of names to values is wanted, found a {type(values).__name__}")
-    try:
-        return FusionConfig.model_validate(values or {})
-    except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        names = ", ".join(FusionConfig.model_fields)
-        raise InputError(f"{path}: {faults} (known names: {names})") from error

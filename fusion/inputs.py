@@ -9,6 +9,7 @@ import torch
 
 from render.errors import InputError
 from render.imager import TemplateImager
+from render.limits import FARTHEST
 from render.mesh import Mesh, check_faces, check_finite
 
 Array = np.ndarray | torch.Tensor
@@ -25,6 +26,7 @@ _BY_FRAME = (
     "body_vertices",
     "under_vertices",
 )
+_LIMITS = {"normals": 1e4, "confidence": 1e6}  # no unit; all else is in metres
 
 
 class FusionInputs:
@@ -167,7 +169,7 @@ class FusionInputs:
     def _checked(
         self, name: str, values: Array | None, shape: tuple[int, ...], mask: torch.Tensor | None = None
     ) -> torch.Tensor | None:
-        """Float32 on the CPU; InputError for another shape, or a value that is not finite (under the mask).
+        """Float32 on the CPU; InputError for another shape, or values not finite or beyond a limit (under the mask).
 
         The mask (S, H, W) says which of axes 1 to 3 of `values` count; others become 0 if any is not finite.
         """
@@ -176,7 +178,8 @@ class FusionInputs:
         tensor = torch.as_tensor(values).detach().to("cpu", torch.float32)
         if tuple(tensor.shape) != shape:
             raise InputError(f"fuse: {name} must have shape {shape}, found {tuple(tensor.shape)}")
-        finite = torch.isfinite(tensor)
+        limit = _LIMITS.get(name, FARTHEST)
+        finite = tensor.abs() <= limit  # NaN is not
         if bool(finite.all()):
             return tensor
         if len(shape) != 4:
@@ -185,7 +188,7 @@ class FusionInputs:
         if mask is None or bool(bad.any()):
             frame, *place = bad.nonzero()[0].tolist()
             raise InputError(
-                f"fuse: {name} has {int(bad.sum())} values that are not finite, the first at "
+                f"fuse: {name} has {int(bad.sum())} values that are not finite or beyond ±{limit:g}, the first at "
                 f"{[self.first + frame, *place]}"
             )
         return torch.where(mask[..., None] if len(shape) == 5 else mask, tensor, 0.0)

@@ -26,7 +26,7 @@ from fusion.stages import Minimum, Problem, Solver
 from fusion.stopwatch import Stopwatch
 from fusion.topology import Topology
 from render.imager import TemplateImager
-from render.mesh import safe_normalize
+from render.mesh import check_finite, safe_normalize
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,9 @@ class Pipeline:
             with watch.stage("clearance"):
                 vertices, inside = self._cleared(vertices, obstacle)
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
-        return Piece(_array(vertices), _array(initial), stages, unseen, inside)
+        solved = _array(vertices)
+        check_finite(solved, "fuse: the result", first=inputs.first)
+        return Piece(solved, _array(initial), stages, unseen, inside)
 
     def _make_solver(self, *, with_normals: bool) -> Solver:
         config = self._config

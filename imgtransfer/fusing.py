@@ -25,6 +25,7 @@ from imgtransfer.predictions import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REP
 from render import InputError, MapFile, Mesh, write_png
 from render.files import written_whole
 from render.mapfile import Maps
+from render.mesh import check_finite
 from render.npz_writer import NpzWriter
 
 _TOGETHER = 32  # frames of a result that are read together
@@ -163,6 +164,9 @@ class _Stream:
         for maps, *moved in zip(self._maps.parts(count), *streams, strict=False):
             frames = RootFrames(maps.rotation, maps.translation)
             found = dict(zip(moving, moved, strict=True))
+            for name, part in found.items():
+                if part is not None:
+                    check_finite(part.vertices, f"--{name}", first=done)
             canonical = {
                 name: None if part is None else frames.to_canonical(part.vertices)
                 for name, part in found.items()

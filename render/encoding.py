@@ -9,6 +9,9 @@ import numpy as np
 import torch
 
 from render.errors import InputError
+from render.limits import FARTHEST
+
+_THINNEST = 1e-6  # metres; float32 divides by it without overflow
 
 Values = TypeVar("Values", np.ndarray, torch.Tensor)
 
@@ -21,7 +24,7 @@ class PositionBox:
         lo, hi: (3,) float64, metres, lo < hi.
 
     Raises:
-        InputError: other shapes, values that are not finite, or a box without volume.
+        InputError: other shapes, values that are not finite or beyond ±10 km, or a box thinner than a micrometre.
     """
 
     lo: np.ndarray
@@ -29,9 +32,11 @@ class PositionBox:
 
     def __post_init__(self) -> None:
         lo, hi = np.asarray(self.lo, np.float64), np.asarray(self.hi, np.float64)
-        if lo.shape != (3,) or hi.shape != (3,) or not np.isfinite([lo, hi]).all() or not (lo < hi).all():
+        fits = lo.shape == hi.shape == (3,) and (np.abs([lo, hi]) <= FARTHEST).all()
+        if not fits or not (lo + _THINNEST <= hi).all():
             raise InputError(
-                f"a position box needs three finite numbers lo < hi each, found lo {lo} and hi {hi}"
+                f"a position box needs three numbers lo < hi each, within ±{FARTHEST:g} m and {_THINNEST:g} m apart, "
+                f"found lo {lo} and hi {hi}"
             )
         object.__setattr__(self, "lo", lo)
         object.__setattr__(self, "hi", hi)

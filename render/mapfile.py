@@ -13,9 +13,11 @@ from render.cameras import Camera
 from render.encoding import PositionBox
 from render.errors import InputError
 from render.imager import TemplateImager
-from render.mesh import Mesh
+from render.limits import FARTHEST, check_rate, check_rotations
+from render.mesh import Mesh, check_finite
 
 FORMAT, FORMAT_VERSION = "imgtransfer-maps", 3
+HEAVIEST = 1e6  # of a pixel's confidence, where 1 is as usual
 # Version 1 has no layers, depth or confidence, version 2 no rest_vertices.
 READABLE_VERSIONS = ("1", "2", "3")
 OPTIONAL = {"position", "normal", "layers", "confidence", "depth", "rest_vertices"}
@@ -59,7 +61,8 @@ class MapFile:
             that is another shape than the template's; None if it is the template.
 
     Raises:
-        InputError: a shape that does not fit the others, or values that are not finite.
+        InputError: a shape that does not fit the others, values that are not finite or cannot be meant
+            (`render.limits`), or rotations that are none.
     """
 
     position: np.ndarray | None
@@ -105,11 +108,12 @@ class MapFile:
             "depth": ((views, *size), np.float32),
             "rest_vertices": ((*vertices, 3), np.float64),
         }
-        if len(size) != 2 or frames == 0 or not self.fps > 0:
+        if len(size) != 2 or frames == 0:
             raise InputError(
-                f"maps: one frame or more, masks (S, H, W) and fps > 0 are needed; found {frames} frames, "
-                f"mask {np.shape(self.mask)}, fps {self.fps}"
+                f"maps: one frame or more and masks (S, H, W) are needed; found {frames} frames, "
+                f"mask {np.shape(self.mask)}"
             )
+        check_rate(self.fps, "maps")
         for name, (shape, dtype) in expected.items():
             if getattr(self, name) is not None:
                 given = np.asarray(getattr(self, name))
@@ -119,15 +123,38 @@ class MapFile:
                 if array.shape != shape or not np.isfinite(array).all():
                     raise InputError(f"maps: {name} must be finite, of shape {shape}; found {array.shape}")
                 object.__setattr__(self, name, array)
-        if not np.allclose(self.rotation @ self.rotation.swapaxes(1, 2), np.eye(3), atol=1e-3):
-            raise InputError("maps: rotation must hold rotation matrices, R Rᵀ = 1")
-        if self.confidence is not None and (self.confidence < 0).any():
-            raise InputError(f"maps: confidence counts from 0, found {self.confidence.min()}")
+        check_rotations(self.rotation, "maps: rotation")
+        self._check_sizes()
         object.__setattr__(self, "fps", float(self.fps))
         object.__setattr__(self, "views", tuple(str(view) for view in self.views))
         object.__setattr__(self, "template_faces", self.template.faces)  # checks them
-        PositionBox(self.box_lo, self.box_hi)
         _ = self.cameras  # checks them
+
+    def _check_sizes(self) -> None:
+        """Refuse places and weights that are finite but cannot be meant."""
+        check_finite(self.translation, "maps: translation")
+        for name in ("template_vertices", "rest_vertices"):
+            if getattr(self, name) is not None:
+                check_finite(getattr(self, name), f"maps: {name}")
+        if self.confidence is not None and not (
+            self.confidence.min() >= 0 and self.confidence.max() <= HEAVIEST
+        ):
+            raise InputError(
+                f"maps: confidence counts from 0 to {HEAVIEST:g}, "
+                f"found {self.confidence.min():g} to {self.confidence.max():g}"
+            )
+        reach = float((FARTHEST + np.abs(self.box.lo)).max() / (self.box.hi - self.box.lo).min())
+        for name, most in (("position", min(reach, 1e6)), ("normal", 1e3)):
+            values = getattr(self, name)
+            if values is None or (values.min() >= -most and values.max() <= most):
+                continue
+            for frame, images in enumerate(values):  # what is off the silhouette does not count
+                shown = images[self.mask]
+                if shown.size and np.abs(shown).max() > most:
+                    raise InputError(
+                        f"maps: {name} of frame {frame} has {np.abs(shown).max():g}; encoded values are about 0 to 1, "
+                        f"and at most {most:g} here"
+                    )
 
     @classmethod
     def of(

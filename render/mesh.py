@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from render.errors import InputError
+from render.limits import FARTHEST, FARTHEST_IN_FILES
 from render.surface import Surface
 
 
@@ -23,7 +24,7 @@ class Mesh:
         surface: texture coordinates, materials and the file's numbering; None where nothing of it is known.
 
     Raises:
-        InputError: no faces, wrong shapes, an index out of range, or a vertex that is not finite.
+        InputError: no faces, wrong shapes, an index out of range, or a vertex that is not finite or beyond ±10⁹.
     """
 
     vertices: np.ndarray
@@ -36,7 +37,7 @@ class Mesh:
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             raise InputError(f"{self.source}: vertices must have shape (N, 3), found {vertices.shape}")
         check_faces(faces, len(vertices), self.source)
-        check_finite(vertices, self.source)
+        check_finite(vertices, self.source, limit=FARTHEST_IN_FILES, unit="")  # in the file's unit
         object.__setattr__(self, "vertices", np.ascontiguousarray(vertices))
         object.__setattr__(self, "faces", np.ascontiguousarray(faces, np.int64))
 
@@ -63,15 +64,28 @@ def check_faces(faces: np.ndarray, n_vertices: int, source: str) -> None:
         )
 
 
-def check_finite(vertices: np.ndarray, source: str) -> None:
-    """Raise InputError where there are no numbers, or naming the first vertex (of (T, N, 3): and frame) not finite."""
+def check_finite(
+    vertices: np.ndarray, source: str, *, limit: float = FARTHEST, unit: str = "m", first: int = 0
+) -> None:
+    """Raise InputError, naming the first vertex, where there is no number within ±`limit`.
+
+    The one check before vertices are used or written: NaN, infinity, and what is no place of a garment or body.
+
+    Args:
+        vertices: (N, 3), or (T, N, ...) of T frames: the message then names the frame, too.
+        source: what the message calls them.
+        limit, unit: for other numbers than positions in metres.
+        first: number of the first of the T frames, for the message.
+    """
     if vertices.dtype.kind not in "fiu":
         raise InputError(f"{source}: numbers are wanted, found {vertices.dtype}")
-    bad = np.argwhere(~np.isfinite(vertices).all(axis=-1))
-    if len(bad):
-        where = f"vertex {bad[0][0]}" if vertices.ndim == 2 else f"frame {bad[0][0]}, vertex {bad[0][1]}"
-        value = vertices[tuple(bad[0])].tolist()
-        raise InputError(f"{source}: {where} is {value}, not finite ({len(bad)} such vertices)")
+    if not vertices.size or (vertices.min() >= -limit and vertices.max() <= limit):  # NaN is neither
+        return
+    bad = np.argwhere(~((vertices >= -limit) & (vertices <= limit)).all(axis=-1))
+    where = f"vertex {bad[0][0]}" if vertices.ndim == 2 else f"frame {first + bad[0][0]}, vertex {bad[0][1]}"
+    value = vertices[tuple(bad[0])]
+    wrong = f"beyond ±{limit:g} {unit}".rstrip() if np.isfinite(value).all() else "not finite"
+    raise InputError(f"{source}: {where} is {value.tolist()}, {wrong} ({len(bad)} such vertices)")
 
 
 def vertex_normals(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from render.errors import InputError
+from render.errors import InputError, one_line
+from render.files import check_regular
+from render.glbfile import check_glb
 from render.mesh import Mesh
 from render.objfile import read_obj
 from render.surface import Surface
@@ -33,8 +36,7 @@ def load_mesh(path: Path | str) -> Mesh:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: a mesh must be one of {', '.join(SUFFIXES)}, found '{suffix}'")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+    check_regular(path, "a mesh file")
     vertices, faces, surface = read_obj(path) if suffix == ".obj" else _read_other(path)
     if suffix == ".stl":
         vertices, merged = np.unique(vertices, axis=0, return_inverse=True)
@@ -46,16 +48,21 @@ def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray, Surface | None]:
     import trimesh  # noqa: PLC0415  (half a second that most callers need not pay)
 
     # Without this trimesh splits a PLY's vertices at texture seams.
-    options: dict[str, Any] = {"fix_texture": False} if path.suffix.lower() == ".ply" else {}
+    suffix = path.suffix.lower()
+    options: dict[str, Any] = {"fix_texture": False, "skip_materials": True} if suffix == ".ply" else {}
+    content = path.read_bytes()
+    if suffix == ".glb":
+        check_glb(path, content)
     try:
-        loaded: Any = trimesh.load(path, process=False, **options)
+        # From memory, so that it cannot follow the file's references to others.
+        loaded: Any = trimesh.load(io.BytesIO(content), file_type=suffix[1:], process=False, **options)
         if isinstance(loaded, trimesh.Scene):
             loaded = loaded.to_mesh()
-        vertices = np.array(loaded.vertices)
+        vertices = np.array(loaded.vertices, np.float64)
         faces = np.array(getattr(loaded, "faces", np.zeros((0, 3), np.int64)))
         return vertices, faces, _texture(loaded, vertices, faces)
     except Exception as error:  # its readers raise whatever they meet
-        raise InputError(f"{path}: cannot be read as {path.suffix.lower()} ({error})") from error
+        raise InputError(f"{path}: cannot be read as {suffix} ({one_line(error)})") from error
 
 
 def _texture(loaded: Any, vertices: np.ndarray, faces: np.ndarray) -> Surface | None:

@@ -14,6 +14,9 @@ import numpy as np
 from render.errors import InputError
 from render.surface import Surface
 
+_LARGEST_INDEX = 2**31  # beyond it no file has vertices
+_LARGEST_UV = 1e6  # repetitions of a texture
+
 
 def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, Surface | None]:
     """Read an OBJ file; polygons become fans, vertices that no face uses stay.
@@ -35,7 +38,7 @@ def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, Surface | None]:
             lines.add(keyword, words)
         except ValueError:
             what = "texture coordinate" if keyword == "vt" else "vertex or face"
-            raise InputError(f"{path}: line {number} is not a valid {what}: '{line.strip()}'") from None
+            raise InputError(f"{path}: line {number} is not a valid {what}: '{line.strip()[:80]}'") from None
     vertices = np.array(lines.vertices, np.float64).reshape(-1, 3)
     faces = np.array(lines.faces, np.int64).reshape(-1, 3)
     return vertices, faces, _surface(path, lines, faces, len(vertices))
@@ -50,8 +53,10 @@ class _Lines:
     faces: list[list[int]] = field(default_factory=list)
     uv_faces: list[list[int]] = field(default_factory=list)
     face_materials: list[int] = field(default_factory=list)
-    materials: list[str] = field(default_factory=list)
-    libraries: list[str] = field(default_factory=list)
+    materials: dict[str, int] = field(
+        default_factory=dict
+    )  # numbers by name, in the order of their first use
+    libraries: dict[str, None] = field(default_factory=dict)  # each once, in their order
     current: int = -1
 
     def add(self, keyword: str, words: list[str]) -> None:
@@ -61,16 +66,16 @@ class _Lines:
             self.vertices.append([x, y, z])
         elif keyword == "vt":
             u, v = (float(word) for word in (*words[:2], *["0"] * (2 - len(words))))
+            if not (abs(u) <= _LARGEST_UV and abs(v) <= _LARGEST_UV):
+                raise ValueError
             self.uvs.append([u, v])
         elif keyword == "f":
             self._add_face(words)
         elif keyword == "usemtl":
             name = " ".join(words) or "material"
-            if name not in self.materials:
-                self.materials.append(name)
-            self.current = self.materials.index(name)
+            self.current = self.materials.setdefault(name, len(self.materials))
         elif keyword == "mtllib":
-            self.libraries.append(" ".join(words))
+            self.libraries[" ".join(words)] = None
 
     def _add_face(self, words: list[str]) -> None:
         parts = [word.split("/") for word in words]
@@ -89,6 +94,8 @@ class _Lines:
 def _index(word: str, count: int) -> int:
     """OBJ counts from 1, and from -1 backwards from the latest; 0 stays invalid (-1)."""
     index = int(word)
+    if abs(index) > _LARGEST_INDEX:
+        raise ValueError
     return index - 1 if index >= 0 else count + index
 
 
@@ -97,10 +104,9 @@ def _surface(path: Path, lines: _Lines, faces: np.ndarray, n_vertices: int) -> S
     with_uvs, with_materials = bool((uv_faces >= 0).any()), bool(lines.materials)
     if not len(faces) or faces.min() < 0 or faces.max() >= n_vertices or not (with_uvs or with_materials):
         return None
-    if uv_faces.max() >= len(lines.uvs):
-        raise InputError(
-            f"{path}: faces use texture coordinate {uv_faces.max() + 1}, but only 1..{len(lines.uvs)} exist"
-        )
+    if uv_faces.max() >= len(lines.uvs) or uv_faces.min() < -1:
+        worst = uv_faces.max() + 1 if uv_faces.max() >= len(lines.uvs) else uv_faces.min() - len(lines.uvs)
+        raise InputError(f"{path}: faces use texture coordinate {worst}, but only 1..{len(lines.uvs)} exist")
     materials, used = list(lines.materials), np.array(lines.face_materials, np.int64)
     if with_materials and (used < 0).any():  # faces before the first usemtl
         used[used < 0] = len(materials)

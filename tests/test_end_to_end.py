@@ -58,7 +58,7 @@ def test_from_a_motion_to_the_metrics(tmp_path: Path, capsys: pytest.CaptureFixt
     truth = DataSet.open(data).read(CLIP)
     assert truth.n_frames == FRAMES
 
-    ok("export", data, CLIP, "--out", tmp_path / "tshirt_twist.npz")
+    ok("export", data, "--clip", CLIP, "--out", tmp_path / "tshirt_twist.npz")
     ok("import", tmp_path / "tshirt_twist.npz", "--to", tmp_path / "again.zarr", "--split", "test")
     assert_same_clip(DataSet.open(tmp_path / "again.zarr").read("tshirt/twist"), truth)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.options import add_clip_choice, chosen_clips, clip_name
+from imgtransfer.cli.options import add_clip_choice, chosen_refs, clip_name
 from imgtransfer.predictions import METHODS, folders_in
 from render import InputError
 
@@ -16,8 +16,9 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     import numpy as np
 
     from imgtransfer.data.clip import Clip
+    from imgtransfer.data.source import ClipRef
 
-    Pairs = Iterator[tuple[str, np.ndarray]]
+    Pairs = Iterator[tuple[Clip, np.ndarray]]
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -26,6 +27,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "evaluate",
         help="compare predictions with the truth",
         description="Distances, perceptual difference and body penetration, per clip and overall.",
+        examples=(
+            "imgtransfer evaluate predictions --truth configs/sample_data/tshirt.zarr",
+            "imgtransfer evaluate --baseline lbs --truth configs/sample_data/tshirt.zarr --split test",
+        ),
     )
     parser.add_argument(
         "prediction",
@@ -50,50 +55,69 @@ def run(args: argparse.Namespace) -> None:
 
     if bool(args.prediction) == bool(args.baseline):
         raise InputError("evaluate: give either predictions or --baseline lbs")
-    truths = {clip.name: clip for clip in chosen_clips(args, args.truth)}
-    measured = {}
-    for name, predicted in _baseline(truths) if args.baseline else _predictions(args, truths):
-        truth = truths[name]
+    refs = {ref.name: ref for ref in chosen_refs(args, args.truth)}
+    measured, lengths = {}, {}
+    for truth, predicted in _baseline(args, refs) if args.baseline else _predictions(args, refs):
+        name = truth.name
         if truth.garment_vertices is None:
             raise InputError(f"{args.truth}: clip {name} has no garment vertices to compare with")
+        lengths[name] = truth.n_frames
         try:
             measured[name] = evaluate_clip(
                 predicted, truth.garment_vertices, truth.garment_faces, truth.body_vertices, truth.body_faces
             )
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
-    overall = mean_over_frames((values, truths[name].n_frames) for name, values in measured.items())
+    overall = mean_over_frames((values, lengths[name]) for name, values in measured.items())
     print(metrics_json(measured, overall) if args.json else metrics_table({**measured, "overall": overall}))
-    if left_out := [name for name in truths if name not in measured]:
-        print(f"no prediction for {', '.join(left_out)}: left out", file=sys.stderr)
+    if any(path.is_dir() and not _of_one_clip(path) for path in args.prediction):
+        _say_missing(refs, measured)
 
 
-def _baseline(truths: Mapping[str, Clip]) -> Pairs:
+def _say_missing(refs: Mapping[str, ClipRef], measured: Collection[str]) -> None:
+    """Say on stderr which clips of the splits that were predicted have no prediction; without splits, of all."""
+    from imgtransfer.data.choice import some  # noqa: PLC0415
+
+    splits = {refs[name].split for name in measured}
+    wanted = [name for name, ref in refs.items() if ref.split in splits]
+    if missing := [name for name in wanted if name not in measured]:
+        of = "" if None in splits else f" of the split {' and '.join(sorted(map(str, splits)))}"
+        print(
+            f"no prediction for {len(missing)} of {len(wanted)} clips{of}, left out: {some(missing, 4)}",
+            file=sys.stderr,
+        )
+
+
+def _baseline(args: argparse.Namespace, refs: Mapping[str, ClipRef]) -> Pairs:
     from imgtransfer.evaluation.skinning import lbs_baseline  # noqa: PLC0415
 
-    return ((name, lbs_baseline(clip)) for name, clip in truths.items())
+    if args.method is not None:
+        raise InputError(f"--method {args.method}: says which predictions to read, and --baseline reads none")
+    clips = (ref.load() for ref in refs.values())
+    return ((clip, lbs_baseline(clip)) for clip in clips)
 
 
-def _predictions(args: argparse.Namespace, truths: Mapping[str, Clip]) -> Pairs:
-    """Pairs of clip name and predicted vertices (T, N, 3), each with a truth."""
+def _predictions(args: argparse.Namespace, refs: Mapping[str, ClipRef]) -> Pairs:
+    """Pairs of the true clip and predicted vertices (T, N, 3); one in memory at a time."""
+    from imgtransfer.data.choice import some  # noqa: PLC0415
+
     files = _prediction_files(args.prediction, args.method)
-    if len(files) == len(truths) == 1:  # two files: they are meant for each other, whatever their names
-        files = dict(zip(truths, files.values(), strict=True))
-    unknown = [name for name in files if name not in truths]
+    if len(files) == len(refs) == 1:  # two files: they are meant for each other, whatever their names
+        files = dict(zip(refs, files.values(), strict=True))
+    unknown = [name for name in files if name not in refs]
     if len(unknown) == len(files) or (unknown and not (args.split or args.clip)):
         raise InputError(
-            f"{args.truth}: no truth for the prediction of {', '.join(unknown)}; it has {', '.join(truths)}"
+            f"{args.truth}: no truth for the prediction of {some(unknown)}; there are {some(list(refs))}"
         )
-    chosen = {name: file for name, file in files.items() if name in truths}
+    chosen = {name: file for name, file in files.items() if name in refs}
     if {file.stem for file in chosen.values()} == set(METHODS):  # a mean over both, which nobody may want
         lacking = [name for name, file in chosen.items() if file.stem == METHODS[1]]
         print(f"{METHODS[1]} measured of {', '.join(lacking)}, which are not fused", file=sys.stderr)
-    return ((name, _predicted_vertices(file)) for name, file in chosen.items())
+    return ((refs[name].load(), _predicted_vertices(file)) for name, file in chosen.items())
 
 
 def _predicted_vertices(file: Path) -> np.ndarray:
     """The garment vertices (T, N, 3) of a clip npz, or of any npz that has them."""
-    from imgtransfer.data.clip_checks import check_near  # noqa: PLC0415
     from render.mesh import check_finite  # noqa: PLC0415
     from render.npz import open_npz  # noqa: PLC0415
 
@@ -105,8 +129,12 @@ def _predicted_vertices(file: Path) -> np.ndarray:
             )
         vertices = npz.read("garment_vertices")
     check_finite(vertices, f"{file}: garment_vertices")
-    check_near(vertices, f"{file}: garment_vertices")
     return vertices
+
+
+def _of_one_clip(folder: Path) -> bool:
+    """Whether a folder is one clip's in what `imgtransfer predict` wrote."""
+    return any((folder / f"{method}.npz").is_file() for method in METHODS)
 
 
 def _prediction_files(paths: Sequence[Path], method: str | None) -> dict[str, Path]:
@@ -115,6 +143,10 @@ def _prediction_files(paths: Sequence[Path], method: str | None) -> dict[str, Pa
     files: dict[str, Path] = {}
     for path in paths:
         if path.is_file():
+            if method is not None:
+                raise InputError(
+                    f"--method {method}: chooses a file of a prediction's folder; {path} is a file"
+                )
             stem = path.parent.name if path.stem in METHODS else path.stem
             files[clip_name(stem)] = path
             continue

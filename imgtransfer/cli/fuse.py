@@ -5,10 +5,17 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from shlex import quote
+from shlex import join
 from typing import TYPE_CHECKING, Any
 
-from imgtransfer.cli.options import add_runner, chosen_executor
+from imgtransfer.cli.options import (
+    add_changes,
+    add_clip_names,
+    add_runner,
+    chosen_executor,
+    clip_name,
+    refuse_twice,
+)
 from imgtransfer.predictions import (
     FUSED_FILE,
     HISTORY_FILE,
@@ -37,6 +44,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         f"the report {REPORT_FILE}. For PREDICTIONS they are put beside the maps of each clip; clips that are fused "
         "with the same settings already are left as they are, so a stopped run goes on. With --maps, one map file "
         "of any program is fused; docs/fusion.md goes through an example, docs/maps.md describes the file.",
+        examples=(
+            "imgtransfer fuse predictions --clip 'tshirt/*' --workers 2",
+            "imgtransfer fuse --maps maps.npz --body body.npz --set weight_edge=50 --out result",
+        ),
     )
     parser.add_argument(
         "predictions",
@@ -45,8 +56,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         metavar="PREDICTIONS",
         help="what `imgtransfer predict` wrote, or one clip's folder in it",
     )
+    add_clip_names(parser)
     parser.add_argument("--overwrite", action="store_true", help="fuse clips again that are fused already")
     parser.add_argument("--config", type=Path, help="YAML with the fusion's hyper-parameters that differ")
+    add_changes(parser, "weight_edge=50")
     parser.add_argument(
         "--solver",
         choices=("local_global", "adam"),
@@ -105,27 +118,30 @@ def _add_single(group: argparse._ArgumentGroup) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Fuse one map file, or every clip of a prediction."""
-    from fusion.config import FusionConfig, load_config  # noqa: PLC0415
+    from fusion.config import FusionConfig  # noqa: PLC0415
+    from imgtransfer.config import load_config  # noqa: PLC0415
     from imgtransfer.fusing import Ways  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
 
     _check_form(args)
     _check_device(args.device)
-    config = load_config(args.config) if args.config else FusionConfig()
-    if args.solver:
-        config = FusionConfig.model_validate(config.model_dump() | {"solver": args.solver})
+    refuse_twice(args, {"solver": ("solver",)})
+    changes = [*args.set, *([f"solver={args.solver}"] if args.solver else [])]
+    config = load_config(
+        FusionConfig, args.config, changes, wanted="YAML with hyper-parameters of the fusion"
+    )
     ways = Ways(config=config, positions_only=args.positions_only, erode=args.erode)
     if args.maps is not None:
         _fuse_file(args, ways)
         return
     executor = chosen_executor(args)
     # Another machine's processes have another working folder.
-    tasks = [
-        _Task(folder.resolve() if args.ray else folder, args, ways)
-        for folder in predicted_clips(args.predictions)
-    ]
+    tasks = [_Task(folder.resolve() if args.ray else folder, args, ways) for folder in _chosen(args)]
     run_tasks(_fuse_predicted, tasks, executor=executor, name=lambda task: task.name).check()
-    print(f"next     imgtransfer evaluate {quote(str(args.predictions))} --truth SOURCE")
+    choice = [word for name in args.clip or () for word in ("--clip", name)]
+    print(
+        f"next     {join(['imgtransfer', 'evaluate', str(args.predictions), '--truth', 'SOURCE', *choice])}"
+    )
 
 
 def _check_form(args: argparse.Namespace) -> None:
@@ -140,10 +156,21 @@ def _check_form(args: argparse.Namespace) -> None:
                 raise InputError(f"fuse: --{option} goes with --maps; PREDICTIONS have that in their folders")
     elif args.ray is not None or args.workers != 1:
         raise InputError("fuse: --workers and --ray go with PREDICTIONS; --maps is one clip")
+    elif args.clip is not None:
+        raise InputError("fuse: --clip goes with PREDICTIONS; --maps is one clip")
     elif args.out is None:
         raise InputError("fuse: --maps needs --out DIR, the folder for the results")
     elif args.overwrite:
         raise InputError("fuse: --overwrite goes with PREDICTIONS; what --maps wrote to --out is replaced")
+
+
+def _chosen(args: argparse.Namespace) -> list[Path]:
+    """The folders of the predicted clips that --clip chooses."""
+    from imgtransfer.data.choice import choose  # noqa: PLC0415
+
+    # Whatever the folder's path as it was given ("." for instance), its name is the clip's.
+    folders = {clip_name(folder.resolve().name): folder for folder in predicted_clips(args.predictions)}
+    return [folders[name] for name in choose(args.predictions, list(folders), names=args.clip)]
 
 
 def _check_device(device: str) -> None:

@@ -9,6 +9,7 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 from imgtransfer.cli.mesh_options import add_axes, chosen_axes
+from imgtransfer.cli.options import add_clip_names
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
@@ -52,7 +53,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         usage="%(prog)s [FORMAT] PATH [PATH ...] --to DATASET [options]",
         description=f"The data set is made where there is none; clips that are in it already are skipped, so a "
         f"stopped run goes on. FORMAT is one of\n\n{formats}\n\ndocs/importing.md says how each must look.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        examples=(
+            "imgtransfer import meshes walk --to my_data.zarr --split train --garment shirt --up=z --unit=cm --weld",
+            "imgtransfer import vto vto/tshirt/simulations --to vto.zarr --smpl SMPL --template tshirt.obj",
+        ),
     )
     parser.add_argument("source", nargs="*", metavar="[FORMAT] PATH", help="what to import")
     parser.add_argument("--to", required=True, type=Path, metavar="DATASET", help="the data set's folder")
@@ -63,9 +67,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--garment", metavar="NAME", help="name of the garment in the data set; default from the files' names"
     )
-    parser.add_argument(
-        "--clip", action="append", metavar="GLOB", help="only clips of such a name; may be given again"
-    )
+    add_clip_names(parser)
     parser.add_argument("--fps", type=float, help="frames a second, where the files do not say; default 30")
     parser.add_argument("--title", default="", help="of a new data set")
     parser.add_argument("--licence", default="", help="of a new data set, such as CC-BY-4.0")
@@ -107,7 +109,7 @@ def run(args: argparse.Namespace) -> None:
     data = DataSet.open_or_create(args.to, title=args.title, licence=args.licence, source=args.origin)
     kept = run_jobs(found, data, options)
     for job in found:
-        print(f"{job.name}  {data.clip_attributes(job.name)['frames']} frames  {job.split}")
+        print(f"{job.name}  {data.clip_attributes(job.name).frames} frames  {job.split}")
     already = f" ({kept} there already)" if kept else ""
     print(f"done     {len(found)} clips{already} in {args.to}")
     print(f"next     imgtransfer inspect {quote(str(args.to))}")

@@ -22,6 +22,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "inspect",
         help="summarise a data set, clip npz, map npz or checkpoint",
         description="Sizes, splits, edge strain, body penetration, and how much of a garment the views see.",
+        examples=(
+            "imgtransfer inspect configs/sample_data/tshirt.zarr --html sample.html",
+            "imgtransfer inspect runs/demo",
+        ),
     )
     parser.add_argument(
         "source", type=Path, help="data set, clip npz, folder of them, map npz, checkpoint or run"
@@ -50,17 +54,28 @@ def run(args: argparse.Namespace) -> None:
         raise InputError(f"{source}: no such file or folder")
     checkpoints = sorted(source.glob("*.safetensors")) if source.is_dir() else [source]
     if checkpoints and checkpoints[0].suffix == ".safetensors":
+        _check_unused(args, "a checkpoint")
         for checkpoint in checkpoints:
             _checkpoint(checkpoint)
     elif _is_map_file(source):
+        _check_unused(args, "a map file")
         _maps(source)
     else:
         _clips(args)
 
 
+def _check_unused(args: argparse.Namespace, what: str) -> None:
+    """Raise InputError where an argument is for clips."""
+    for option in ("split", "clip", "html", "ray", "views", "layers"):
+        if getattr(args, option) is not None:
+            raise InputError(f"--{option} goes with clips; {args.source} is {what}")
+
+
 def _clips(args: argparse.Namespace) -> None:
     from tqdm import tqdm  # noqa: PLC0415
 
+    if args.html is None and (args.workers != 1 or args.ray is not None):
+        raise InputError("inspect: --workers and --ray go with --html, whose pictures take long")
     facts, rejected = _facts(args.source)
     for key, value in facts.items():
         print(f"{key}: {value}")

@@ -8,6 +8,8 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 
+from imgtransfer.cli.parser import Parser
+from imgtransfer.waiting import wait_passively
 from render import InputError
 
 # One module a command. Each has `add_parser(subparsers) -> ArgumentParser` and `run(args) -> None`, and
@@ -29,9 +31,13 @@ COMMANDS = (
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands; the parsed namespace has `run`, the function to call with it."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="imgtransfer",
         description="Deform garments without skinning: body and garment as images, a network, a fusion.",
+        examples=(
+            "imgtransfer doctor",
+            "imgtransfer inspect configs/sample_data/tshirt.zarr",
+        ),
     )
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for name in COMMANDS:
@@ -47,6 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser().parse_args(argv)
         args.run(args)
 
+    wait_passively()
     return exit_status(command, program="imgtransfer", stopped="stopped")
 
 

@@ -13,6 +13,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="bring a data set to the current schema version",
         description="Rewrites the data set in place, clip by clip; a stopped run goes on where it was. Older versions "
         "can be read without this, but nothing can be added to them.",
+        examples=(
+            "imgtransfer migrate old.zarr",
+            "imgtransfer migrate s3://bucket/old.zarr",
+        ),
     )
     parser.add_argument("data", type=Path, help="the data set, folder or URL")
     return parser

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.data.clip import Clip
     from imgtransfer.data.source import ClipRef
     from imgtransfer.running import Executor
 
@@ -17,9 +17,44 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
 def add_clip_choice(parser: argparse.ArgumentParser) -> None:
     """Add --split and --clip, which choose among the clips of a source."""
     parser.add_argument("--split", help="only the clips of this split (data sets only)")
+    add_clip_names(parser)
+
+
+def add_clip_names(parser: argparse.ArgumentParser) -> None:
+    """Add --clip, which chooses by name."""
     parser.add_argument(
-        "--clip", action="append", metavar="GLOB", help="only clips whose name matches; may be given again"
+        "--clip",
+        action="append",
+        metavar="GLOB",
+        help="only clips whose name matches, such as 'dress/*'; may be given again",
     )
+
+
+def add_changes(parser: argparse.ArgumentParser, example: str) -> None:
+    """Add --set, which changes values of the command's configuration (`imgtransfer.config.with_changes`)."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help=f"change a value of the configuration, or of the defaults: --set {example}; may be given again",
+    )
+
+
+def refuse_twice(args: argparse.Namespace, said: Mapping[str, Sequence[str]]) -> None:
+    """Raise InputError where --set changes what an option says already, so that one of the two would do nothing.
+
+    Args:
+        said: the keys of the configuration that each option decides, by the option's name in `args`.
+    """
+    changed = {change: change.partition("=")[0].strip() for change in args.set}
+    for option, keys in said.items():
+        for change, key in changed.items():
+            twice = any(f"{key}.".startswith(f"{one}.") for one in keys)
+            if twice and getattr(args, option) not in (None, False):
+                raise InputError(
+                    f"--{option.replace('_', '-')} decides what --set {change} would change; give one of them"
+                )
 
 
 def add_runner(parser: argparse.ArgumentParser) -> None:
@@ -39,13 +74,6 @@ def chosen_executor(args: argparse.Namespace) -> Executor:
     from imgtransfer.running import executor_for  # noqa: PLC0415
 
     return executor_for(workers=args.workers, ray=args.ray)
-
-
-def chosen_clips(args: argparse.Namespace, source: str) -> list[Clip]:
-    """The clips of `source` that --split and --clip choose."""
-    from imgtransfer.data.source import open_clips  # noqa: PLC0415
-
-    return open_clips(source, split=args.split, names=args.clip)
 
 
 def add_views(

@@ -21,6 +21,10 @@ def add_parser(
         description=f"Writes OUT/CLIP/{MAPS_FILE}, for `imgtransfer fuse`, and OUT/CLIP/{POSITION_ONLY_FILE}, the "
         "vertices read from the position maps alone. The clips need no garment vertices. Clips that this model "
         "has predicted already are left as they are, so a stopped run goes on.",
+        examples=(
+            "imgtransfer predict configs/pretrained configs/sample_data/tshirt.zarr --split test --out predictions",
+            "imgtransfer predict runs/demo my_data.zarr --clip 'tshirt/walk*' --workers 2 --out walks",
+        ),
     )
     parser.add_argument("model", type=Path, help="a run's folder or a model.safetensors")
     parser.add_argument("source", type=Path, help="data set, clip npz or folder of clip npz")

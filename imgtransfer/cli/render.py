@@ -36,6 +36,10 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         description="For each clip a folder with the maps of garment and body, and sheets for eyes: positions and "
         "normals; mask, depth and visibility; frames over time; and with --against the difference. Garment and body "
         "are seen by the same cameras and encoded by the garment's box. docs/maps.md describes the files.",
+        examples=(
+            "imgtransfer render configs/sample_data/tshirt.zarr --clip '*walk*' --frames 0:60:10 --out maps",
+            "imgtransfer render 'walk/*.obj' --template shirt.obj --up=z --unit=cm --views four --out maps",
+        ),
     )
     parser.add_argument(
         "source",

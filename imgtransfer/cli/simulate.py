@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imgtransfer.cli.mesh_options import add_axes, chosen_axes
-from imgtransfer.cli.options import add_runner, chosen_executor
+from imgtransfer.cli.options import add_changes, add_clip_names, add_runner, chosen_executor, refuse_twice
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
@@ -16,6 +16,12 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
 _OF_GARMENT = ("garment", "held", "anyway", "garment_up", "garment_facing", "garment_unit")
 _OF_AXES = ("up", "facing", "unit", "scale")
 _OF_SEQUENCES = ("body_rest", "fps")
+_DECIDED = {  # by options, in place of the configuration
+    "template": ("garment", "garments"),
+    "unit": ("sequences.unit", "sequences.scale"),
+    "scale": ("sequences.unit", "sequences.scale"),
+    **{name: (f"sequences.{name}",) for name in ("up", "facing", "weld", "body_rest", "fps")},
+}
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -25,10 +31,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="simulate a garment, the project's or your own, on a body for a list of motions, or on your own body",
         description="Clips that the data set holds already are left as they are, so a stopped run goes on. Those that "
         "fail their quality gates are listed in the data set, and tried again only with other settings.",
+        examples=(
+            "imgtransfer simulate configs/data/sample.yaml --out sample.zarr --workers 2",
+            "imgtransfer simulate walk --template shirt.obj --up=z --unit=cm --weld --out mine.zarr",
+        ),
     )
     parser.add_argument(
         "sources",
-        nargs="+",
+        nargs="*",
         type=Path,
         metavar="CONFIG_OR_SOURCE",
         help="a YAML file such as configs/data/sample.yaml, and/or motion files (AMASS-style npz, BVH), and/or body "
@@ -37,12 +47,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--out", type=Path, required=True, help="the data set, made where it does not exist")
     parser.add_argument("--frames", type=int, help="only the first FRAMES frames of each motion")
-    parser.add_argument(
-        "--clip",
-        action="append",
-        metavar="GLOB",
-        help="only clips of such a name, for instance 'dress/*'; may be given again",
-    )
+    add_clip_names(parser)
+    add_changes(parser, "cloth.fabric=silk, --set clips.0.seed=3")
     _add_meshes(parser.add_argument_group("your own garment and body"))
     add_runner(parser)
     return parser
@@ -76,7 +82,7 @@ def run(args: argparse.Namespace) -> None:
     """Simulate, and say where the data set is."""
     from imgtransfer.importers.findings import as_flag  # noqa: PLC0415
     from imgtransfer.importers.template import as_setting  # noqa: PLC0415
-    from imgtransfer.simulation.config import SimulateConfig, load_config  # noqa: PLC0415
+    from imgtransfer.simulation.config import load_config  # noqa: PLC0415
     from imgtransfer.simulation.job import simulate  # noqa: PLC0415
     from imgtransfer.simulation.plan import plan  # noqa: PLC0415
     from imgtransfer.simulation.sources import sorted_sources  # noqa: PLC0415
@@ -85,7 +91,8 @@ def run(args: argparse.Namespace) -> None:
     configs = [path for path in args.sources if path.suffix in (".yaml", ".yml")]
     if len(configs) > 1:
         raise InputError(f"one configuration at a time, found {', '.join(str(path) for path in configs)}")
-    config = _with_meshes(args, load_config(configs[0]) if configs else SimulateConfig())
+    refuse_twice(args, _DECIDED)
+    config = _with_meshes(args, load_config(configs[0] if configs else None, args.set))
     sources = [path for path in args.sources if path not in configs]
     _check_used(args, sequences=bool(sorted_sources(sources)[1]))
     say = as_setting if args.template is None else as_flag

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
+
+from imgtransfer.cli.options import add_changes, refuse_twice
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -13,14 +16,16 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="train the transfer networks from a YAML file",
         description="Writes model.safetensors, log.jsonl, config.yaml and the state to resume from. "
         "Ctrl-C saves the state and stops.",
+        examples=(
+            "imgtransfer train configs/demo.yaml --out runs/demo",
+            "imgtransfer train configs/demo.yaml --data my_data.zarr --set training.steps=20000 --out runs/mine",
+        ),
     )
     parser.add_argument("config", type=Path, help="the run's YAML, such as configs/demo.yaml")
     parser.add_argument("--data", type=Path, help="data set or folder of clip npz, in place of data.source")
     parser.add_argument("--out", type=Path, help="folder of the run (default: runs/NAME of the YAML file)")
     parser.add_argument("--resume", action="store_true", help="go on with the run in --out")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="change a value: training.steps=100"
-    )
+    add_changes(parser, "training.steps=100, --set 'data.train.names=[tshirt/*]'")
     return parser
 
 
@@ -31,7 +36,8 @@ def run(args: argparse.Namespace) -> None:
 
     changes = list(args.set)
     if args.data is not None:
-        changes.append(f"data.source={args.data}")
+        refuse_twice(args, {"data": ("data.source",)})
+        changes.append(f"data.source={json.dumps(str(args.data))}")  # whatever the path, a text to YAML
     config = load_config(args.config, changes)
     out = args.out or Path("runs") / args.config.stem
     model = train(config, out, resume=args.resume)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
+from render.mesh import check_finite
 
 RootMode = Literal["root", "heading"]
 
@@ -33,9 +34,14 @@ class RootFrames:
         return np.einsum("tba,tnb->tna", self.rotation, points - self.translation[:, None]).astype(np.float32)
 
     def to_world(self, points: np.ndarray) -> np.ndarray:
-        """(T, N, 3) canonical -> (T, N, 3) world, float32."""
-        turned = np.einsum("tab,tnb->tna", self.rotation, points)
-        return (turned + self.translation[:, None]).astype(np.float32)
+        """(T, N, 3) canonical -> (T, N, 3) world, float32.
+
+        Raises:
+            InputError: a point that is not finite, or beyond `render.limits.FARTHEST`; names its frame.
+        """
+        turned = np.einsum("tab,tnb->tna", self.rotation, points) + self.translation[:, None]
+        check_finite(turned, "vertices")
+        return turned.astype(np.float32)
 
 
 def root_frames(clip: Clip, mode: RootMode) -> RootFrames:

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from imgtransfer.data.clip_checks import INDICES, check_arrays, check_near, check_rate, plain
+from imgtransfer.data.clip_checks import INDICES, check_arrays, plain
 from render import InputError, Mesh
+from render.limits import ANGLES, FARTHEST, check_rate
 from render.mesh import check_faces, check_finite
 from render.npz import Npz, open_npz
 from render.npz_writer import NpzWriter
@@ -31,6 +32,7 @@ STORED = (*REQUIRED[:-1], *SKINNING, *SURFACE)  # every array of a clip
 PER_FRAME = ("garment_vertices", "body_vertices", "poses", "trans", "joint_transforms")
 FLOATS = tuple(name for name in STORED if name not in INDICES)
 _LONGEST_TEXT = 1 << 24  # bytes; a material library is the longest that anyone has
+_LIMITS = {"poses": (ANGLES, "rad"), "blend_weights": (10.0, ""), "uvs": (FARTHEST, "")}  # no positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +92,8 @@ class Clip:
         check_faces(arrays["body_faces"], len(self.body_rest), f"{self.name}: body_faces")
         for key in FLOATS:
             if key in arrays:
-                check_finite(arrays[key], f"{self.name}: {key}")
-                check_near(arrays[key], f"{self.name}: {key}")
+                limit, unit = _LIMITS.get(key, (FARTHEST, "m"))
+                check_finite(arrays[key], f"{self.name}: {key}", limit=limit, unit=unit)
         for key, values in arrays.items():
             object.__setattr__(self, key, plain(values, whole=key in INDICES))
         if self.parents is not None and (self.parents < -1).any():
@@ -103,6 +105,13 @@ class Clip:
             used = surface.vertices
             if len(used) and not 0 <= used.min() <= used.max() < len(self.template_vertices):
                 raise InputError(f"{self.name}: original_vertices must be indices of the template's vertices")
+        if self.joint_transforms is not None:
+            bad = np.argwhere(~(np.linalg.det(self.joint_transforms[..., :3].astype(np.float64)) > 0))
+            if len(bad):
+                raise InputError(
+                    f"{self.name}: joint_transforms: that of frame {bad[0][0]}, joint {bad[0][1]} mirrors or flattens "
+                    "the body; a rotation is wanted in its first three columns"
+                )
         check_rate(self.fps, self.name)
 
     @property

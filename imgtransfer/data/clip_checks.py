@@ -9,8 +9,6 @@ import numpy as np
 
 from render import InputError
 
-FARTHEST = 1e6  # metres from the origin; beyond it float32 knows no centimetres, and squares overflow at 1e19
-RATES = (1e-3, 1e5)  # frames a second
 INDICES = (
     "garment_faces", "body_faces", "parents", "original_faces", "original_vertices", "uv_faces", "face_materials",
 )  # fmt: skip
@@ -80,19 +78,3 @@ def plain(values: np.ndarray, *, whole: bool) -> np.ndarray:
         if values.dtype == np.dtype(kept).newbyteorder(values.dtype.byteorder):
             return values.astype(kept, copy=False)
     return values.astype(np.int64 if whole else np.float32)
-
-
-def check_rate(fps: float, source: str) -> None:
-    """Raise InputError unless `fps` is a number of frames a second that a clip can have."""
-    low, high = RATES
-    if not low <= fps <= high:  # also where it is not a number
-        raise InputError(f"{source}: fps is {fps}; frames a second from {low:g} to {high:g} are wanted")
-
-
-def check_near(values: np.ndarray, source: str) -> None:
-    """Raise InputError where finite values (a, ..., b) are larger than any of a clip in metres, radians or weights."""
-    largest = float(np.abs(values).max(initial=0))
-    if largest > FARTHEST:
-        raise InputError(
-            f"{source}: holds {largest:.3g}; metres are wanted, at most {FARTHEST:g} from the origin"
-        )

@@ -14,6 +14,7 @@ import numpy as np
 from imgtransfer.data.texture_files import bring_textures
 from render import InputError, Mesh
 from render.files import written_whole_folder
+from render.mesh import check_finite
 from render.objfile import textures
 from render.surface import Surface, plain_surface
 
@@ -61,13 +62,14 @@ class MeshFrames:
         """Write the next frames: (T, N, 3) metres, in the template's vertex order.
 
         Raises:
-            InputError: another number of vertices than the template has.
+            InputError: another number of vertices than the template has, or one that is not finite; names its frame.
         """
         if vertices.ndim != 3 or vertices.shape[1:] != self._template.vertices.shape:
             wanted = f"(frames, {len(self._template.vertices)}, 3)"
             raise InputError(
                 f"{self._template.source}: moved vertices must have shape {wanted}, found {vertices.shape}"
             )
+        check_finite(vertices, f"{self._template.source}: moved vertices", first=self._next // self._step)
         for frame in self._surface.of_file(vertices):
             self._write(f"{self._name}_{self._next:04d}", frame)
             self._next += self._step
@@ -98,7 +100,7 @@ def save_mesh_frames(
     """Write frames (T, N, 3) that are in memory; see `written_mesh_frames`.
 
     Raises:
-        InputError: another number of vertices than the template has.
+        InputError: another number of vertices than the template has, or one that is not finite; names its frame.
     """
     with written_mesh_frames(folder, template, kind, name=name) as frames:
         frames.add(vertices)

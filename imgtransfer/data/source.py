@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatch
 from pathlib import Path
 
+from imgtransfer.data.choice import choose
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.place import METADATA, as_url, place_at
 from imgtransfer.data.reader import NpzReader, Reader
@@ -68,7 +68,8 @@ def clip_refs(
         data = DataSet.open(source)
         splits = data.splits()
         taken = [name for name, of in splits.items() if split in (None, of)]
-        chosen = _choose(source, list(splits), taken, names, exclude, split)
+        asked = f"split {split}" if split else ""
+        chosen = choose(source, taken, names=names, exclude=exclude, asked=asked, present=list(splits))
         return [ClipRef(source, name, splits[name]) for name in chosen]
     folder = Path(source)
     if not folder.exists():
@@ -78,9 +79,7 @@ def clip_refs(
     files = {path.stem: path for path in (sorted(folder.glob("*.npz")) if folder.is_dir() else [folder])}
     if not files:
         raise InputError(f"{source}: neither a data set (no {METADATA}) nor a folder with clip npz files")
-    return [
-        ClipRef(files[name], name) for name in _choose(source, list(files), list(files), names, exclude, None)
-    ]
+    return [ClipRef(files[name], name) for name in choose(source, list(files), names=names, exclude=exclude)]
 
 
 def open_clips(
@@ -96,28 +95,3 @@ def open_clips(
         InputError: no such source, nothing in it that matches, or a bad clip.
     """
     return [ref.load() for ref in clip_refs(source, split=split, names=names, exclude=exclude)]
-
-
-def _choose(  # noqa: PLR0917
-    source: str | Path,
-    present: list[str],
-    candidates: list[str],
-    names: Sequence[str] | None,
-    exclude: Sequence[str],
-    split: str | None,
-) -> list[str]:
-    chosen = [
-        name
-        for name in candidates
-        if (names is None or any(fnmatch(name, pattern) for pattern in names))
-        and not any(fnmatch(name, pattern) for pattern in exclude)
-    ]
-    if not chosen:
-        asked = [f"split {split}"] if split else []
-        asked += [f"names {', '.join(names)}"] if names is not None else []
-        asked += [f"without {', '.join(exclude)}"] if exclude else []
-        raise InputError(
-            f"{source}: no clip matches ({'; '.join(asked) or 'all'}); "
-            f"it has {', '.join(present) or 'no clips'}"
-        )
-    return chosen

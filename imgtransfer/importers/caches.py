@@ -18,6 +18,7 @@ import numpy as np
 
 from imgtransfer.importers.files import check_data_file
 from render import InputError
+from render.limits import FARTHEST_IN_FILES
 from render.mesh import check_finite
 
 SUFFIXES = (".pc2", ".pc16", ".mdd")
@@ -53,7 +54,7 @@ def read_cache(path: Path) -> PointCache:
     check_data_file(path, f"a point cache ({suffix})")
     content = path.read_bytes()
     cache = _read_mdd(path, content) if suffix == ".mdd" else _read_pc2(path, content, half=suffix == ".pc16")
-    check_finite(cache.vertices, str(path))
+    check_finite(cache.vertices, str(path), limit=FARTHEST_IN_FILES, unit="")  # in the file's unit
     return cache
 
 
@@ -80,6 +81,8 @@ def _read_mdd(path: Path, content: bytes) -> PointCache:
         raise InputError(f"{path}: not an MDD point cache; it would have {frames} frames of {points} points")
     vertices = _vertices(path, content[8 + 4 * frames :], frames, points, np.dtype(">f4"))
     times = np.frombuffer(content, ">f4", frames, 8).astype(np.float64)
+    if not np.isfinite(times).all():
+        raise InputError(f"{path}: the frames' times are not finite; the file is damaged")
     seconds = times[-1] - times[0]
     steady = frames > 1 and seconds > 0 and np.allclose(np.diff(times), seconds / (frames - 1), rtol=0.01)
     return PointCache(vertices, round((frames - 1) / seconds, 3) if steady else None)

@@ -18,7 +18,7 @@ _LFS = b"version https://git-lfs"
 def natural(text: str) -> list[tuple[int, int, str]]:
     """A sorting key by which frame_2 comes before frame_10."""
     parts = re.split(r"(\d+)", text)
-    return [(1, int(part), "") if part.isdigit() else (0, 0, part.lower()) for part in parts]
+    return [(1, int(part), "") if part.isdecimal() else (0, 0, part.lower()) for part in parts]
 
 
 def natural_sort(paths: Iterable[Path]) -> list[Path]:

@@ -13,6 +13,7 @@ from imgtransfer.importers.caches import SUFFIXES as CACHES
 from imgtransfer.importers.caches import read_cache
 from imgtransfer.importers.files import natural, natural_sort
 from render import InputError, Mesh, load_mesh
+from render.limits import FARTHEST_IN_FILES
 
 MESHES = (".obj", ".ply", ".glb")
 
@@ -80,7 +81,7 @@ def _vertices_and_rest(file: Path) -> tuple[np.ndarray | None, str]:
     except ValueError:
         return None, ""
     rest = "\n".join(line for line in lines if not line.startswith(("v ", "vn ", "#")))
-    return (vertices if np.isfinite(vertices).all() else None), rest
+    return (vertices if (np.abs(vertices) <= FARTHEST_IN_FILES).all() else None), rest
 
 
 def _from_cache(source: Path, topology: Mesh | None) -> MovingMesh:

@@ -7,12 +7,12 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
+from imgtransfer.data.choice import choose
 from imgtransfer.data.clip import FLOATS, SKINNING, SURFACE, Clip
 from imgtransfer.data.store import DataSet, check_name
 from imgtransfer.importers.axes import Axes
@@ -93,15 +93,8 @@ def chosen(jobs: Sequence[Job], options: Options, source: object) -> list[Job]:
         InputError: none of them, two of one name, or a name or split that a data set cannot have.
     """
     names = [job.name for job in jobs]
-    patterns = options.clips
-    found = [
-        job for job in jobs if patterns is None or any(fnmatch(job.name, pattern) for pattern in patterns)
-    ]
-    if not found:
-        some = ", ".join(names[:8]) + (" ..." if len(names) > 8 else "")
-        raise InputError(
-            f"{source}: no clip matches {', '.join(patterns or ())}; it has {some or 'no clips'}"
-        )
+    taken = set(choose(str(source), names, names=options.clips))
+    found = [job for job in jobs if job.name in taken]
     twice = sorted({job.name for job in found if names.count(job.name) > 1})
     if twice:
         raise InputError(
@@ -128,7 +121,7 @@ def run_jobs(jobs: Sequence[Job], data: DataSet, options: Options) -> int:
     for job in tqdm(jobs, desc="import", unit="clip", disable=None):
         there = job.name in present and data.split(job.name) == job.split
         mark = {MARK: job.mark(options)} if job.marked else {}
-        if there and mark and data.clip_attributes(job.name)["info"].get(MARK) == mark[MARK]:
+        if there and mark and data.clip_attributes(job.name).info.get(MARK) == mark[MARK]:
             kept += 1
             continue
         try:
@@ -151,7 +144,7 @@ def run_jobs(jobs: Sequence[Job], data: DataSet, options: Options) -> int:
 
 def _same(data: DataSet, name: str, clip: Clip) -> bool:
     """Whether the data set holds this very clip already."""
-    if not data.has(name) or data.clip_attributes(name)["info"] != clip.info:
+    if not data.has(name) or data.clip_attributes(name).info != clip.info:
         return False
     there = data.read(name)
     keys = dict.fromkeys((*FLOATS, *SKINNING, *SURFACE, "garment_faces", "body_faces"))

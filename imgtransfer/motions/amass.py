@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import JOINTS
-from imgtransfer.motions.motion import Motion, resample
+from imgtransfer.motions.motion import Motion, of_file, resample
 from render import InputError
 from render.npz import open_npz
 
@@ -18,6 +18,7 @@ BODY_COLUMNS = 3 * len(JOINTS)
 
 
 UpAxis = Literal["auto", "y", "z"]
+_SHORTEST, _LONGEST = 0.01, 100.0  # metres of a leg; dolls and giants included
 _CLEAR = 0.5  # cosine from which on a trunk is upright along an axis, on average over the frames
 
 
@@ -55,18 +56,21 @@ def load_amass(path: str | Path, *, fps: float = 30.0, up_axis: UpAxis = "auto")
     if arrays["mocap_framerate"].size != 1:
         raise InputError(f"{path}: mocap_framerate must be one number")
     leg = arrays.get("leg_length")
-    if leg is not None and (leg.size != 1 or not float(leg.reshape(())) > 0):
-        raise InputError(f"{path}: leg_length must be one positive number of metres, found {leg}")
-    motion = Motion(
-        poses[:, :BODY_COLUMNS].astype(np.float64).reshape(len(poses), len(JOINTS), 3),
-        trans.astype(np.float64),
-        float(arrays["mocap_framerate"].reshape(())),
-        path.stem,
-        None if leg is None else float(leg.reshape(())),
-    )
-    if up_axis == "z" or (up_axis == "auto" and _stands_along_z(motion, path)):
-        motion = _turned_up(motion)
-    return resample(motion, fps)
+    if leg is not None and (leg.size != 1 or not _SHORTEST <= float(leg.reshape(())) <= _LONGEST):
+        raise InputError(
+            f"{path}: leg_length must be one number of metres from {_SHORTEST} to {_LONGEST:g}, found {leg}"
+        )
+    with of_file(path):
+        motion = Motion(
+            poses[:, :BODY_COLUMNS].astype(np.float64).reshape(len(poses), len(JOINTS), 3),
+            trans.astype(np.float64),
+            float(arrays["mocap_framerate"].reshape(())),
+            path.stem,
+            None if leg is None else float(leg.reshape(())),
+        )
+        if up_axis == "z" or (up_axis == "auto" and _stands_along_z(motion, path)):
+            motion = _turned_up(motion)
+        return resample(motion, fps)
 
 
 def _stands_along_z(motion: Motion, path: Path) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import JOINTS, PARENTS, local_poses, segment_direction
-from imgtransfer.motions.motion import Motion, resample
+from imgtransfer.motions.bvh_text import check_bvh
+from imgtransfer.motions.motion import Motion, of_file, resample
 from imgtransfer.motions.skeletons import named_joints
 from render import InputError
 
@@ -44,9 +44,14 @@ def load_bvh(path: str | Path, *, fps: float = 30.0) -> Motion:
             continue
         poses[:, joint] = rotations[:, found[name]] @ _correction(name, found, rest)
     leg = _leg_length(rest, found)
+    if not leg > 0:
+        raise InputError(
+            f"{path}: the skeleton's legs have no length; its hips, knees and ankles are at one point"
+        )
     trans = skeleton.root @ own.T * (LEG_LENGTH / leg)
-    motion = Motion(local_poses(poses), trans, 1 / skeleton.frame_time, path.stem, LEG_LENGTH)
-    return resample(motion, fps)
+    with of_file(path):
+        motion = Motion(local_poses(poses), trans, 1 / skeleton.frame_time, path.stem, LEG_LENGTH)
+        return resample(motion, fps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +81,7 @@ class _Skeleton:
 
 
 def _read(path: Path) -> _Skeleton:
-    _check_whole(path)
+    check_bvh(path)
     try:
         import bvhio  # noqa: PLC0415 (optional)
     except ImportError as error:
@@ -85,7 +90,7 @@ def _read(path: Path) -> _Skeleton:
         ) from error
     try:
         read = bvhio.readAsBvh(str(path))
-    except (SyntaxError, ValueError, IndexError, KeyError, TypeError) as error:
+    except Exception as error:  # its reader raises whatever it meets
         reason = error.msg if isinstance(error, SyntaxError) else str(error)
         raise InputError(f"{path}: not a readable BVH file ({' '.join(str(reason).split())})") from error
     if read.FrameCount < 2 or not read.FrameTime > 0:
@@ -118,27 +123,6 @@ def _read(path: Path) -> _Skeleton:
     )
 
 
-def _check_whole(path: Path) -> None:
-    """Refuse what bvhio would look for the end of for ever: files without their end, and such as are no BVH at all."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; a BVH file is wanted")
-    try:
-        text = path.read_text()
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a BVH file, which would be text") from error
-    hierarchy, motion, frames = text.partition("MOTION")
-    header = re.match(r"\s*Frames:\s*(\d+)\s*\n\s*Frame Time:\s*\S+\s*?\n", frames)
-    if not hierarchy.lstrip().startswith("HIERARCHY") or not motion or header is None:
-        raise InputError(
-            f"{path}: not a whole BVH file, which has HIERARCHY, MOTION, Frames: and Frame Time: in this order"
-        )
-    if hierarchy.count("{") != hierarchy.count("}"):
-        raise InputError(f"{path}: the hierarchy's braces do not match; the file is damaged")
-    stored = sum(1 for line in frames[header.end() :].splitlines() if line.strip())
-    if stored < int(header[1]):
-        raise InputError(f"{path}: cut off, it announces {header[1]} frames and holds {stored}")
-
-
 def _own_axes(skeleton: _Skeleton, found: dict[str, int], path: Path) -> np.ndarray:
     """(3, 3) rotation from the file's axes to ours (x to the body's left, y up), each of them one of the file's."""
     rest = skeleton.rest
@@ -163,7 +147,7 @@ def _correction(name: str, found: dict[str, int], rest: np.ndarray) -> np.ndarra
     wanted = rest[stop] - rest[start]
     given = segment_direction(segment, side)
     axis = np.cross(given, wanted)
-    if np.linalg.norm(axis) < 1e-9 * np.linalg.norm(wanted):
+    if np.linalg.norm(axis) <= 1e-9 * np.linalg.norm(wanted):  # along it already, or of no length
         return np.eye(3)
     angle = np.arctan2(np.linalg.norm(axis), given @ wanted)
     return Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()

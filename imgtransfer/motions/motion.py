@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from imgtransfer.bodies.smpl import JOINTS, global_rotations, local_poses, segment_direction
 from render import InputError
+from render.limits import ANGLES, check_rate
 from render.mesh import check_finite
+
+MOST_FRAMES = 200_000  # that a motion is resampled to; nearly two hours
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +45,9 @@ class Motion:
             raise InputError(
                 f"{self.name}: trans must have shape {(len(self.poses), 3)}, found {self.trans.shape}"
             )
-        check_finite(self.poses, f"{self.name}: poses")
+        check_finite(self.poses, f"{self.name}: poses", limit=ANGLES, unit="rad")
         check_finite(self.trans, f"{self.name}: trans")
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise InputError(f"{self.name}: the frame rate is {self.fps}; a positive number expected")
+        check_rate(self.fps, self.name)
 
     @property
     def seconds(self) -> float:
@@ -50,10 +55,29 @@ class Motion:
         return (len(self.poses) - 1) / self.fps
 
 
+@contextmanager
+def of_file(path: Path) -> Iterator[None]:
+    """Let messages about the motion of a file, which is called by its stem, name the file."""
+    try:
+        yield
+    except InputError as error:
+        said = str(error).removeprefix(f"{path.stem}: ")
+        raise InputError(said if said.startswith(f"{path}: ") else f"{path}: {said}") from error
+
+
 def resample(motion: Motion, fps: float) -> Motion:
-    """The motion at another frame rate: by time, rotations spherically, the path linearly; the first frame stays."""
+    """The motion at another frame rate: by time, rotations spherically, the path linearly; the first frame stays.
+
+    Raises:
+        InputError: one of hours, which would have more frames than anybody means.
+    """
     if motion.fps == fps:
         return motion
+    if motion.seconds * fps > MOST_FRAMES:
+        raise InputError(
+            f"{motion.name}: {len(motion.poses)} frames at {motion.fps:g} a second are {motion.seconds:.3g} s long, "
+            f"more than {MOST_FRAMES} frames at {fps:g}; is the frame rate right?"
+        )
     # Half a millionth of a frame of tolerance keeps a last frame that only rounding would drop.
     times = np.arange(int(motion.seconds * fps + 1e-6) + 1) / fps
     given = np.arange(len(motion.poses)) / motion.fps

@@ -7,7 +7,6 @@ chunks (glTF 2.0 specification, section 4.4). It opens in Blender, three.js and 
 from __future__ import annotations
 
 import json
-import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -17,17 +16,18 @@ import torch
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.report.glb_look import Seamed, cut_at_seams, material, mime_type
+from render import InputError
 from render.files import written_whole
 from render.mesh import vertex_normals
 from render.surface import Surface
 
-MAX_TARGETS, MAX_BYTES = 36, 10_000_000
+_MOST_BYTES = 2**32 - 1  # that a GLB can say of its own length
 _FLOAT, _UINT = 5126, 5125  # component types
 _VERTICES, _INDICES = 34962, 34963  # buffer targets
 COLOURS = {"body": (0.80, 0.66, 0.56, 1.0), "garment": (0.23, 0.42, 0.68, 1.0)}  # linear RGBA
 
 
-def animated_glb(path: str | Path, clip: Clip, *, step: int | None = None) -> Path:
+def animated_glb(path: str | Path, clip: Clip, *, step: int = 1) -> Path:
     """Write the clip as an animated GLB; the vertex order of both meshes is kept.
 
     A garment that knows its file has the order, the texture coordinates, the materials and the textures of that file;
@@ -37,21 +37,28 @@ def animated_glb(path: str | Path, clip: Clip, *, step: int | None = None) -> Pa
         path: the file to write, ending in .glb.
         clip: in world coordinates; glTF's axes are ours (y up, +z front, metres). Without garment vertices
             only the body is written.
-        step: one morph target every so many frames, between which viewers interpolate; None takes the
-            smallest that gives at most 36 targets and about 10 MB.
+        step: one morph target every so many frames, between which viewers interpolate.
 
     Returns:
         The path.
+
+    Raises:
+        InputError: more than 4 GiB, which the format cannot hold.
     """
     meshes = {"body": (clip.body_vertices, clip.body_faces)}
     if clip.garment_vertices is not None:
         meshes["garment"] = (clip.garment_vertices, clip.garment_faces)
     looks = {"garment": clip.surface}
-    if step is None:
-        bytes_per_frame = 24 * sum(vertices.shape[1] for vertices, _ in meshes.values())
-        targets = max(1, min(MAX_TARGETS, MAX_BYTES // bytes_per_frame))
-        step = max(1, math.ceil((clip.n_frames - 1) / targets))
     frames = np.arange(0, clip.n_frames, step)
+    n_vertices = sum(vertices.shape[1] for vertices, _ in meshes.values())
+    size = len(frames) * (
+        24 * n_vertices + 4 * len(meshes) * len(frames)
+    )  # targets, and the weights of each frame
+    if size > _MOST_BYTES:
+        raise InputError(
+            f"{path}: {len(frames)} frames of {n_vertices} vertices are {size / 2**30:.1f} GiB, and a GLB holds 4 at "
+            "most; take fewer with --step"
+        )
     document = _Document()
     for name, (vertices, faces) in meshes.items():
         document.add_mesh(name, vertices[frames], faces, frames / clip.fps, looks.get(name))

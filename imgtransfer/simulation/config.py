@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import fnmatch
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from imgtransfer import config
 from imgtransfer.bodies.config import AnnyConfig, BodyConfig
 from imgtransfer.garments.config import GarmentConfig, MeshFile, TShirtConfig
 from imgtransfer.motions.amass import UpAxis
@@ -18,8 +19,6 @@ from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.fabrics import FABRICS, Fabric
-from imgtransfer.simulation.mistakes import first_mistake
-from render import InputError
 
 _COTTON = FABRICS["cotton"]
 Split = Literal["train", "validation", "test"]
@@ -208,22 +207,12 @@ class SimulateConfig(_Section):
         return chosen
 
 
-def load_config(path: str | Path) -> SimulateConfig:
-    """Read a YAML file.
+def load_config(path: str | Path | None = None, changes: Sequence[str] = ()) -> SimulateConfig:
+    """Read a YAML file, or only `changes`, "section.key=value" each, which replace or add what it says.
 
     Raises:
         InputError: no such file, not YAML, an unknown key or a value out of range; names the first.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; a YAML file such as configs/data/sample.yaml is wanted")
-    try:
-        read = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
-    if not isinstance(read, dict):
-        raise InputError(f"{path}: a mapping of settings is wanted, found {type(read).__name__}")
-    try:
-        return SimulateConfig.model_validate(read)
-    except ValidationError as error:
-        raise InputError(f"{path}: {first_mistake(error, SimulateConfig, read)}") from error
+    return config.load_config(
+        SimulateConfig, path, changes, wanted="a YAML file such as configs/data/sample.yaml"
+    )

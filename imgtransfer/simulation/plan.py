@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from fnmatch import fnmatch
 from pathlib import Path
 
+from imgtransfer.data.choice import choose
 from imgtransfer.data.schema import check_name
 from imgtransfer.garments.config import TemplateConfig
 from imgtransfer.importers.findings import Say
@@ -124,9 +124,5 @@ def _chosen(tasks: list[Task], patterns: Sequence[str] | None) -> list[Task]:
     """
     if patterns is None or not tasks:
         return tasks
-    chosen = [task for task in tasks if any(fnmatch(task.name, pattern) for pattern in patterns)]
-    if not chosen:
-        names = sorted(task.name for task in tasks)
-        some = ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
-        raise InputError(f"--clip {', '.join(patterns)}: no clip matches; there are {some}")
-    return chosen
+    taken = set(choose("--clip", sorted(task.name for task in tasks), names=patterns))
+    return [task for task in tasks if task.name in taken]

@@ -9,14 +9,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from imgtransfer import config
 from imgtransfer.network.config import MapsConfig, NetworkConfig
-from render import InputError
+
+_OF_THE_MACHINE = ("training.precision", "training.device", "training.threads")
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class ClipChoice(_Section):
@@ -61,8 +63,9 @@ class TrainingConfig(_Section):
     """Greatest norm of a network's gradient; None leaves it."""
     mirror: bool = False
     """Show half of the frames mirrored left to right, as images (columns flipped, x negated)."""
-    precision: Literal["float32", "bfloat16"] = "float32"
-    """Of the networks' products; maps, weights and losses are float32 in either case."""
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    """Of the networks' products; maps, weights and losses are float32 in either case. `auto` measures at the start and
+    takes bfloat16 only where it is faster on this device (`training.precision`)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     threads: int | None = Field(default=None, ge=1, le=1024)
     """CPU threads; None leaves the choice to the environment."""
@@ -90,49 +93,31 @@ def load_config(path: str | Path, changes: Sequence[str] = ()) -> RunConfig:
         changes: "section.key=value" each, the value as YAML; they replace or add what the file says.
 
     Raises:
-        InputError: no such file, not YAML, an unknown key, a value out of its range, or a change without "=".
+        InputError: no such file, not YAML, an unknown key, a value out of its range, or a change that fits nowhere.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; the YAML of a training run is wanted, such as configs/demo.yaml"
-        )
-    try:
-        content = yaml.safe_load(path.read_text())
-        for change in changes:
-            _apply(content, change)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from error
-    return parse_config(content, str(path))
+    return config.load_config(
+        RunConfig, path, changes, wanted="the YAML of a training run, such as configs/demo.yaml,"
+    )
 
 
 def parse_config(content: Any, source: str) -> RunConfig:
     """Check the parsed content of a run's YAML; `source` is what the InputError calls it."""
-    try:
-        return RunConfig.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        found = f", found {first['input']!r}" if first["type"] not in ("missing", "value_error") else ""
-        raise InputError(
-            f"{source}: {where}: {first['msg']}{found} ({error.error_count()} faults)"
-        ) from error
+    return config.checked(RunConfig, content, source)
 
 
-def to_yaml(config: RunConfig) -> str:
+def to_yaml(run: RunConfig) -> str:
     """All values, the defaults too, as YAML that `load_config` reads back."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+    return yaml.safe_dump(run.model_dump(mode="json"), sort_keys=False)
 
 
-def _apply(content: Any, change: str) -> None:
-    key, equals, value = change.partition("=")
-    if not equals:
-        raise InputError(f"--set {change}: section.key=value is wanted, such as training.steps=100")
-    *sections, last = key.strip().split(".")
-    for name in sections:
-        if not isinstance(content, dict):
-            break
-        content = content.setdefault(name, {})
-    if not isinstance(content, dict):
-        raise InputError(f"--set {change}: {key} leads through something that is not a section")
-    content[last] = yaml.safe_load(value)
+def difference(before: RunConfig, now: RunConfig) -> str | None:
+    """The first value that makes `now` another run than `before`, in words; None where the one may go on as the other.
+
+    Number type, device and threads are the machine's, and a run may go on on another one.
+    """
+    old = before.model_dump(mode="json")
+    for section, values in now.model_dump(mode="json").items():
+        for key, value in values.items():
+            if old[section][key] != value and f"{section}.{key}" not in _OF_THE_MACHINE:
+                return f"{section}.{key} is {value} now and was {old[section][key]}"
+    return None

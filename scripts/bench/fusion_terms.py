@@ -28,8 +28,8 @@ from tabulate import tabulate
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from fusion import FusionConfig, fuse_maps
-from fusion.config import load_config
 from imgtransfer.cli.options import clip_name
+from imgtransfer.config import load_config
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import open_clips
@@ -130,7 +130,7 @@ def command() -> None:
     )
     parser.add_argument("--json", action="store_true", help="print JSON in place of a table")
     args = parser.parse_args()
-    config = load_config(args.config) if args.config else None
+    config = load_config(FusionConfig, args.config) if args.config else None
     found = measure(args.predictions, args.truth, config=config, true_normals=args.true_normals)
     print(json.dumps(found, indent=2) if args.json else table(found))
 

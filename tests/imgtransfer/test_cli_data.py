@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 from test_store import assert_same_clip
 
+from imgtransfer.cli import machine
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, load_clip, save_clip
 from imgtransfer.data.store import DataSet
@@ -52,7 +55,7 @@ def broken_clip(path: Path, source: Path, **arrays: np.ndarray) -> Path:
 
 def test_import_and_export_lose_nothing(tmp_path: Path, data: Path, tube_clip: Clip) -> None:
     assert DataSet.open(data).names("test") == ["tube/short"]
-    assert main(["export", str(data), "tube/bend", "--out", f"{tmp_path}/out/bend.npz"]) == 0
+    assert main(["export", str(data), "--clip", "tube/bend", "--out", f"{tmp_path}/out/bend.npz"]) == 0
     assert_same_clip(load_clip(tmp_path / "out/bend.npz"), tube_clip)
 
 
@@ -71,7 +74,21 @@ def test_export_of_frames_keeps_the_vertex_order(
 ) -> None:
     out = tmp_path / "frames"
     assert (
-        main(["export", str(data), "tube/short", "--out", str(out), "--frames-as", kind, "--step", "3"]) == 0
+        main(
+            [
+                "export",
+                str(data),
+                "--clip",
+                "tube/short",
+                "--out",
+                str(out),
+                "--frames-as",
+                kind,
+                "--step",
+                "3",
+            ]
+        )
+        == 0
     )
     assert sorted(file.name for file in out.iterdir()) == [
         f"{name}.{kind}"
@@ -85,7 +102,7 @@ def test_export_of_frames_keeps_the_vertex_order(
 @pytest.mark.parametrize("kind", ["obj", "ply"])
 def test_exported_frames_are_imported_again(tmp_path: Path, data: Path, tube_clip: Clip, kind: str) -> None:
     out = tmp_path / "bend"
-    assert main(["export", str(data), "tube/bend", "--out", str(out), "--frames-as", kind]) == 0
+    assert main(["export", str(data), "--clip", "tube/bend", "--out", str(out), "--frames-as", kind]) == 0
     back = f"{tmp_path}/back.zarr"
     assert (
         main(["import", "meshes", str(out), "--to", back, "--split", "test", "--garment", "tube", "--anyway"])
@@ -97,17 +114,21 @@ def test_exported_frames_are_imported_again(tmp_path: Path, data: Path, tube_cli
 
 
 def test_export_of_an_animation(tmp_path: Path, data: Path) -> None:
-    assert main(["export", str(data), "tube/short", "--out", f"{tmp_path}/short.glb"]) == 0
+    assert main(["export", str(data), "--clip", "tube/short", "--out", f"{tmp_path}/short.glb"]) == 0
     assert set(trimesh.load(tmp_path / "short.glb").geometry) == {"body", "garment"}
 
 
 def test_export_refuses_unknown_endings_and_folders_in_use(
     tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert ".npz or .glb" in one_error_line(capsys, "export", data, "tube/bend", "--out", tmp_path / "a.fbx")
-    assert "exists already" in one_error_line(capsys, "export", data, "tube/bend", "--out", tmp_path / "in")
+    assert ".npz or .glb" in one_error_line(
+        capsys, "export", data, "--clip", "tube/bend", "--out", tmp_path / "a.fbx"
+    )
+    assert "exists already" in one_error_line(
+        capsys, "export", data, "--clip", "tube/bend", "--out", tmp_path / "in"
+    )
     assert "no clip matches" in one_error_line(
-        capsys, "export", data, "dress/bend", "--out", tmp_path / "a.npz"
+        capsys, "export", data, "--clip", "dress/bend", "--out", tmp_path / "a.npz"
     )
     assert not (tmp_path / "a.npz").exists()
 
@@ -230,7 +251,17 @@ def test_doctor_finds_this_machine_usable(capsys: pytest.CaptureFixture[str]) ->
     assert main(["doctor"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[-1] == "ready"
-    assert {line.split()[0] for line in lines[:-1]} >= {"python", "GL", "torch", "warp", "newton", "anny"}
+    found = {line.split()[0]: line for line in lines[:-1]}
+    assert set(found) >= {"python", "GL", "torch", "vectors", "bfloat16", "threads", "warp", "newton", "anny"}
+    assert torch.backends.cpu.get_cpu_capability() in found["vectors"]
+    assert re.search(r"[\d.]+ times as long as float32; .* take (float32|bfloat16)$", found["bfloat16"])
+    assert re.search(rf"torch {torch.get_num_threads()}\b.* OMP_WAIT_POLICY=", found["threads"])
+
+
+def test_doctor_names_the_processors_vector_units(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cpuinfo").write_text("model name\t: any\nflags\t\t: fpu avx2 avx512f amx_bf16 amx_tile\n")
+    monkeypatch.setattr(machine, "CPU_INFO", tmp_path / "cpuinfo")
+    assert machine.vector_units().startswith("AVX2, AVX-512, AMX BF16; torch uses ")
 
 
 # bad input: one line, exit status 2, nothing half-written
@@ -242,7 +273,7 @@ def test_a_missing_file(tmp_path: Path, capsys: pytest.CaptureFixture[str], comm
         "render": ["--out", tmp_path / "out"],
         "inspect": [],
         "import": ["--to", tmp_path / "out", "--split", "train"],
-        "export": ["tube/bend", "--out", tmp_path / "out"],
+        "export": ["--clip", "tube/bend", "--out", tmp_path / "out"],
     }
     err = one_error_line(capsys, command, tmp_path / "absent.npz", *options[command])
     assert "absent.npz: no such file" in err

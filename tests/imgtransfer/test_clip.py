@@ -88,7 +88,7 @@ def test_a_missing_array_is_named(tmp_path: Path, clip_file: Path, key: str) -> 
         ("trans", np.zeros((6, 3), bool), "trans: numbers are wanted, found bool"),
         ("trans", np.zeros((6, 3), complex), "trans: numbers are wanted, found complex128"),
         ("body_rest", np.full((128, 3), "x"), "body_rest: numbers are wanted, found <U1"),
-        ("trans", np.full((6, 3), 1e30), "trans: holds 1e[+]30; metres are wanted"),
+        ("trans", np.full((6, 3), 1e30), r"trans: vertex 0 is .*beyond ±10000 m"),
         ("poses", np.zeros((6, 0, 3)), "poses have no joint"),
         ("parents", np.array([-1.0, 0.0]), "parents: integers are wanted"),
         ("original_faces", np.array([[0.0, 1, 2]]), "original_faces: integers are wanted"),

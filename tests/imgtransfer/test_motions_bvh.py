@@ -1,5 +1,7 @@
 """BVH files that the tests write, with skeletons named as CMU, Mixamo and SMPL name theirs."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -161,6 +163,26 @@ def test_an_unknown_skeleton_is_refused_with_what_is_missing(tmp_path, motion):
     (lambda t: t.replace("Frames: 12", "Frames: 1"), "1 frames of"),
     (lambda t: t.replace("HIERARCHY", "SKELETON"), "not a whole BVH file"),
     (lambda t: t.replace("OFFSET 0.0", "OFFSET zero", 1), "not a readable BVH file"),
+    (lambda t: t.replace("OFFSET 0.0", "OFFSET nan", 1), "OFFSET holds nan"),
+    (lambda t: t.replace("OFFSET 0.0", "OFFSET 1e300", 1), r"OFFSET holds 1e\+300"),
+    (lambda t: t.replace("Frames: 12", "Frames: " + "9" * 5000), "cut off"),
+    (lambda t: t.replace("Frames: 12", "Frames: -12"), "not a whole BVH file"),
+    (lambda t: t.replace("Frames: 12", "Frames: twelve"), "not a whole BVH file"),
+    (lambda t: re.sub("Frame Time: .*", "Frame Time: 0", t), "12 frames of 0.0 s"),
+    (lambda t: re.sub("Frame Time: .*", "Frame Time: nan", t), "12 frames of nan s"),
+    (lambda t: re.sub("Frame Time: .*", "Frame Time: inf", t), "fps is 0.0"),
+    (lambda t: re.sub("Frame Time: .*", "Frame Time: 1e-9", t), "fps is"),
+    (lambda t: re.sub("Frame Time: .*", "Frame Time: soon", t), "not a readable BVH file"),
+    (lambda t: t.replace("CHANNELS 6", "CHANNELS 5", 1), "has 69 values for 68 channels"),
+    (lambda t: t.replace("Xposition", "Xscale", 1), "a channel is called 'Xscale'"),
+    (lambda t: re.sub(r"(?m)^\s*CHANNELS .*$", "", t), "has 69 values for 0 channels"),
+    (lambda t: t.rstrip() + " 1 2 3\n", "frame 11 has 72 values for 69 channels"),
+    (lambda t: t.rstrip().rpartition(" ")[0] + " inf\n", "frame 11 holds inf"),
+    (lambda t: t.rstrip().rpartition(" ")[0] + " x\n", "frame 11: could not convert"),
+    (lambda t: t.rstrip().rpartition("\n")[0] + "\x0c\n", "cut off, it announces 12 frames and holds 11"),
+    (lambda t: t.replace("}", "} }", 1).replace("ROOT", "{ ROOT", 1), "not a readable BVH file"),
+    (lambda t: t.replace("HIERARCHY", "HIERARCHY\n" + "{" * 5000 + "}" * 5000), "nested 5000 deep"),
+    (lambda t: re.sub("OFFSET .*", "OFFSET 0 0 0", t), "different axes"),
 ])  # fmt: skip
 def test_damaged_files_are_named_with_what_is_wrong(tmp_path, motion, change, text):
     path = write(tmp_path / "bad.bvh", motion, MIXAMO)

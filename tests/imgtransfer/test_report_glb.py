@@ -13,7 +13,8 @@ import pytest
 import trimesh
 
 from imgtransfer.data.clip import Clip
-from imgtransfer.report.glb import MAX_TARGETS, animated_glb
+from imgtransfer.report.glb import animated_glb
+from render import InputError
 
 
 def parse(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -80,13 +81,25 @@ def test_the_animation_shows_frame_k_at_time_k(tmp_path: Path, tube_clip: Clip) 
         np.testing.assert_array_equal(weights, [[0, 0], [1, 0], [0, 1]])
 
 
-def test_long_clips_skip_frames(tmp_path: Path, tube_clip: Clip) -> None:
+def test_long_clips_keep_every_frame(tmp_path: Path, tube_clip: Clip) -> None:
     many = np.arange(200) % tube_clip.n_frames
     per_frame = ("garment_vertices", "body_vertices", "poses", "trans")
     long = replace(tube_clip, **{key: getattr(tube_clip, key)[many] for key in per_frame})
     document, _ = parse(animated_glb(tmp_path / "long.glb", long))
-    targets = document["meshes"][0]["primitives"][0]["targets"]
-    assert MAX_TARGETS / 2 < len(targets) <= MAX_TARGETS
+    assert [len(mesh["primitives"][0]["targets"]) for mesh in document["meshes"]] == [199, 199]
+
+
+def test_more_than_the_format_holds_is_refused(tmp_path: Path, tube_clip: Clip) -> None:
+    frames = 30_000  # the weights alone: 2 meshes, 4 bytes, squared
+    endless = replace(
+        tube_clip,
+        garment_vertices=np.broadcast_to(tube_clip.garment_vertices[:1], (frames, 192, 3)),
+        body_vertices=np.broadcast_to(tube_clip.body_vertices[:1], (frames, 128, 3)),
+        **dict.fromkeys(("poses", "trans", "joints_rest", "blend_weights", "parents")),
+    )
+    with pytest.raises(InputError, match=r"long.glb: 30000 frames of 320 vertices are 6.9 GiB.*--step"):
+        animated_glb(tmp_path / "long.glb", endless)
+    assert not (tmp_path / "long.glb").exists()
 
 
 def test_one_frame_needs_no_animation(tmp_path: Path, tube_clip: Clip) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
+from reprlib import repr as shortened
 from typing import Any, get_args
 
 import annotated_types as bounds
@@ -26,11 +27,16 @@ _KINDS = {
 }
 
 
-def first_mistake(error: ValidationError, model: type[BaseModel], given: Mapping[str, Any]) -> str:
-    """The first mistake that a model found in what a file holds: its key, and what is wrong.
+def first_mistake(
+    error: ValidationError, model: type[BaseModel], given: Mapping[str, Any]
+) -> tuple[str, str]:
+    """The first mistake that a model found in what a file holds.
 
     Args:
         error: raised by `model` for `given`.
+
+    Returns:
+        Its key, such as "solver.iterations" ("" for the whole), and a line that starts with it and says what is wrong.
     """
     # A key that does not exist tells more than the missing one that it was meant to be.
     mistakes = sorted(error.errors(), key=lambda one: one["type"] == "missing")
@@ -39,7 +45,8 @@ def first_mistake(error: ValidationError, model: type[BaseModel], given: Mapping
     text = _wrong(mistake, keys, holder, found)
     others = {_place(model, given, other["loc"])[0] for other in mistakes} - {keys}
     more = f" (and {len(others)} more)" if others else ""
-    return f"{'.'.join(str(key) for key in keys)}: {text}{more}" if keys else f"{text}{more}"
+    key = ".".join(str(part) for part in keys)
+    return key, f"{key}: {text}{more}" if key else f"{text}{more}"
 
 
 def _place(
@@ -94,12 +101,12 @@ def _wrong(mistake: Any, keys: tuple[int | str, ...], holder: type[BaseModel], f
         hint = f", did you mean {close[0]}? There" if close else "; there"
         return f"no such setting{f' of {section}' if section else ''}{hint} are {', '.join(names)}"
     if kind == "missing":
-        return f"missing; {section} needs it"
+        return f"missing; {section or 'the configuration'} needs it"
     if kind == "union_tag_invalid" and isinstance(found, Mapping):
         return f"no kind {found.get('kind')!r}; there are {context['expected_tags'].replace(chr(39), '')}"
     if kind == "value_error":
         return str(context["error"])
-    return f"{_wanted(mistake, holder.model_fields.get(str(keys[-1])) if keys else None)}, found {found!r}"
+    return f"{_wanted(mistake, holder.model_fields.get(str(keys[-1])) if keys else None)}, found {shortened(found)}"
 
 
 def _wanted(mistake: Any, field: FieldInfo | None) -> str:
