@@ -49,7 +49,8 @@ class Statistics:
             if not sums.frames:
                 continue
             curve = sums.curves()
-            total = sum(weigh(self._config)[name] * values for name, values in curve.items())
+            weights = weigh(self._config)
+            total = np.sum([weights[name] * values for name, values in curve.items()], axis=0)
             ends = {"start": 0, "end": -1}
             terms[stage] = {
                 when: {name: float(values[k]) for name, values in curve.items()} for when, k in ends.items()

@@ -213,7 +213,7 @@ def _written_fused(
     path: Path, template: Mesh, fps: float, body: Moving | None, ways: Ways
 ) -> Iterator[Callable[[np.ndarray, Moved | None], None]]:
     """Yield what takes frames of fused vertices (T, N, 3), world, and of the body; for the fused.npz at `path`."""
-    constant = {
+    constant: dict[str, Any] = {
         "template_vertices": np.asarray(template.vertices, np.float32),
         "garment_faces": template.faces,
     }

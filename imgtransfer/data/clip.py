@@ -204,7 +204,7 @@ def clip_parts(npz: Npz, path: Path, count: int) -> Iterator[Clip]:
     for rows in zip(*(npz.rows(key, count) for key in moving), strict=True):
         values = dict.fromkeys(PER_FRAME) | constant | dict(zip(moving, rows, strict=True))
         try:
-            part = Clip(**values, fps=fps, info=info, name=path.stem)  # type: ignore[arg-type]
+            part = Clip(**values, fps=fps, info=info, name=path.stem)
         except InputError as error:
             raise InputError(f"{path}: {str(error).removeprefix(f'{path.stem}: ')}") from error
         yield part

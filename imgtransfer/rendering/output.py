@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -155,7 +155,9 @@ def _write_maps(
             ]
             if progress is not None:
                 progress(maps.n_frames)
-    together = {name: np.concatenate([getattr(maps, name) for maps in kept]) for name in _SHEET_ARRAYS}
+    together: dict[str, Any] = {
+        name: np.concatenate([getattr(maps, name) for maps in kept]) for name in _SHEET_ARRAYS
+    }
     return replace(kept[0], **together)
 
 
