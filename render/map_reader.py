@@ -47,15 +47,17 @@ class MapReader:
         self._path, self._source = path, source
         self._constant = _checked(path, source)
         shapes = source.shapes
-        frames = {name: shape[0] if shape else 0 for name, shape in shapes.items()}
         #: T.
-        self.n_frames = frames["rotation"]
-        for name, count in frames.items():
-            if count != self.n_frames or not count:
-                raise InputError(
-                    f"{path}: maps: one frame or more are wanted, as many as rotation has, {self.n_frames}; "
-                    f"found {name} of shape {shapes[name]}"
-                )
+        self.n_frames = shapes["rotation"][0] if shapes["rotation"] else 0
+        if not self.n_frames:
+            raise InputError(f"{path}: maps: no frames; rotation has shape {shapes['rotation']}")
+        image = (len(self._constant["views"]), *self._constant["mask"].shape[1:])
+        of_a_frame = {"position": (*image, 3), "normal": (*image, 3), "confidence": image}
+        of_a_frame |= {"rotation": (3, 3), "translation": (3,)}
+        for name, shape in shapes.items():
+            wanted = (self.n_frames, *of_a_frame[name])
+            if shape != wanted:
+                raise InputError(f"{path}: maps: {name} must be of shape {wanted}; found {shape}")
 
     def parts(self, count: int) -> Iterator[MapFile]:
         """All frames in order, `count` at a time; the last part may be shorter.

@@ -239,7 +239,7 @@ def test_arrays_of_other_numbers_of_frames_are_refused_before_they_are_read(maps
     path = tmp_path / "maps.npz"
     save_maps(path, maps)
     np.savez(path, **(dict(np.load(path)) | {"translation": np.zeros((3, 3))}))
-    with pytest.raises(InputError, match=r"as rotation has, 2; found translation of shape \(3, 3\)"):
+    with pytest.raises(InputError, match=r"translation must be of shape \(2, 3\); found \(3, 3\)"):
         open_maps(path)
 
 
