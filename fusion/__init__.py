@@ -4,7 +4,6 @@ from fusion.clearance import Clearance as Clearance
 from fusion.clearance import clear_body as clear_body
 from fusion.clearance import lift_clear as lift_clear
 from fusion.config import FusionConfig as FusionConfig
-from fusion.fuse import FusionResult as FusionResult
 from fusion.fuse import fuse as fuse
 from fusion.initialise import initial_vertices as initial_vertices
 from fusion.losses import collision_loss as collision_loss
@@ -18,4 +17,5 @@ from fusion.run import fuse_maps as fuse_maps
 from fusion.sdf import BodySdf as BodySdf
 from fusion.sdf import Obstacle as Obstacle
 from fusion.sdf import SdfQuery as SdfQuery
+from fusion.stream import FusionResult as FusionResult
 from fusion.topology import Topology as Topology

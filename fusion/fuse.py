@@ -2,45 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
 import torch
 
 from fusion.config import FusionConfig
 from fusion.inputs import Array, FusionInputs
-from fusion.parallel import one_torch_thread
-from fusion.pipeline import Piece, Pipeline
-from fusion.stages import Minimum, edge_weights, normal_weights
-from fusion.stopwatch import Stopwatch
+from fusion.stream import FusionResult, collected, fuse_batches, slices
 from render.imager import TemplateImager
-from render.threads import one_blas_thread
 
 
-@dataclass(frozen=True, eq=False)
-class FusionResult:
-    """Vertices recovered from maps.
-
-    Args:
-        vertices: (T, N, 3) float32, metres.
-        initial: (T, N, 3) float32, metres, before any optimisation.
-        report: plain numbers by name, means over frames: `solver`; `terms` at the start and end of each stage
-            (unweighted, lengths in metres) and `total`, their weighted sum; `iterations` by stage;
-            `unseen_percent` of the vertices, `penetration_percent` before and after the clean-up (where there is a
-            body or a garment beneath); `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads
-            together: setup, start, edge, normal, clearance); `history` on request: by stage and term (or "total")
-            a list with one value an iteration, from before the first to after the last.
-    """
-
-    vertices: np.ndarray
-    initial: np.ndarray
-    report: dict[str, Any]
-
-
-@one_blas_thread()
 def fuse(
     imager: TemplateImager,
     *,
@@ -110,70 +81,17 @@ def fuse(
         under_vertices=under_vertices,
         under_faces=under_faces,
     )
-    started = time.perf_counter()
-    pieces = []
-    watch = Stopwatch(torch.device(device))
-    with one_torch_thread():
-        with watch.stage("setup"):
-            pipeline = Pipeline(imager, inputs, config, torch.device(device))
-        for piece in pipeline.pieces(watch):
-            pieces.append(piece)
-            if progress is not None:
-                progress(len(pieces[-1].vertices))
-    vertices, start = (np.concatenate([getattr(p, key) for p in pieces]) for key in ("vertices", "initial"))
-    seconds = time.perf_counter() - started
-    report = _report(pieces, config, history) | {
-        "seconds": seconds,
-        "seconds_per_frame": seconds / inputs.n_frames,
-        "stage_seconds": watch.seconds,
-    }
-    return FusionResult(vertices, start, report)
-
-
-def _report(pieces: list[Piece], config: FusionConfig, history: bool) -> dict[str, Any]:
-    """Means over all frames."""
-    frames = np.array([len(piece.vertices) for piece in pieces])
-    terms: dict[str, dict[str, dict[str, float]]] = {}
-    totals: dict[str, dict[str, float]] = {}
-    iterations: dict[str, float] = {}
-    curves: dict[str, dict[str, list[float]]] = {}
-    for stage, weigh in (("edge", edge_weights), ("normal", normal_weights)):
-        found = [piece.stages[stage] for piece in pieces if stage in piece.stages]
-        if not found:
-            continue
-        curve = _mean_history(found)
-        curve["total"] = sum(weigh(config)[name] * values for name, values in curve.items())
-        ends = {"start": 0, "end": -1}
-        terms[stage] = {
-            when: {name: float(values[k]) for name, values in curve.items() if name != "total"}
-            for when, k in ends.items()
-        }
-        totals[stage] = {when: float(curve["total"][k]) for when, k in ends.items()}
-        iterations[stage] = float(torch.cat([minimum.iterations for minimum in found]).double().mean())
-        curves[stage] = {name: values.tolist() for name, values in curve.items()}
-    report: dict[str, Any] = {
-        "solver": config.solver,
-        "frames": int(frames.sum()),
-        "terms": terms,
-        "total": totals,
-        "iterations": iterations,
-        "unseen_percent": 100 * float(np.concatenate([piece.unseen for piece in pieces]).mean()),
-    }
-    inside = [piece.inside for piece in pieces if piece.inside is not None]
-    if inside:
-        before, after = (100 * float(np.concatenate(part).mean()) for part in zip(*inside, strict=True))
-        report["penetration_percent"] = {"before_clearance": before, "after": after}
-    return report | ({"history": curves} if history else {})
-
-
-def _mean_history(found: list[Minimum]) -> dict[str, Any]:
-    """(K,) float64 by term: the mean over all frames; those that finished sooner stay at their last value."""
-    longest = max(len(next(iter(minimum.history.values()))) for minimum in found)
-    curves = {}
-    for name in found[0].history:
-        parts = []
-        for minimum in found:
-            values = minimum.history[name].double().cpu()
-            parts.append(torch.cat([values, values[-1:].expand(longest - len(values), -1)]))
-        curves[name] = torch.cat(parts, dim=1).mean(1).numpy()
-    return curves
+    weighted = inputs.confidence is not None and bool((inputs.confidence[:, imager.mask] != 1).any())
+    return collected(
+        lambda take: fuse_batches(
+            imager,
+            inputs.n_frames,
+            lambda size: (inputs.part(frames) for frames in slices(inputs.n_frames, size)),
+            take,
+            config=config,
+            device=device,
+            weighted=weighted,
+            history=history,
+            progress=progress,
+        )
+    )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from queue import SimpleQueue
 
@@ -46,20 +47,46 @@ class Piece:
     inside: tuple[np.ndarray, np.ndarray] | None
 
 
+def usable_threads(config: FusionConfig, device: torch.device, n_frames: int) -> int:
+    """Batches that are solved at the same time. Those of Adam, the reference, are solved one after the other."""
+    coupled = config.weight_temporal or config.warm_start
+    if config.solver == "adam" or coupled or device.type != "cpu":
+        return 1
+    return max(1, min(n_threads(), n_frames))
+
+
+def frames_at_once(config: FusionConfig, threads: int, n_frames: int) -> int:
+    """The size of a batch: all frames where they depend on each other, one where each awaits another."""
+    if config.weight_temporal:
+        return n_frames
+    if config.warm_start:
+        return 1
+    return min(config.batch_frames, -(-n_frames // threads))
+
+
 class Pipeline:
     """From maps to vertices for one template, batch by batch.
 
     Args:
         imager: of the template.
-        inputs: of all frames, and the rest shape, whose geometry the losses and the solver know.
+        inputs: of any frames: what is given at all, and the rest shape, whose geometry the losses and the solver know.
         config: hyper-parameters.
         device: computes.
+        threads: batches that are solved at the same time.
+        weighted: whether any pixel's confidence is not 1; without, confidences are not looked at.
     """
 
     def __init__(
-        self, imager: TemplateImager, inputs: FusionInputs, config: FusionConfig, device: torch.device
+        self,
+        imager: TemplateImager,
+        inputs: FusionInputs,
+        config: FusionConfig,
+        device: torch.device,
+        *,
+        threads: int,
+        weighted: bool,
     ) -> None:
-        self._inputs, self._config, self._device = inputs, config, device
+        self._config, self._device, self._threads, self._weighted = config, device, threads, weighted
         self._topology = Topology(inputs.rest)
         self._weights = InitialWeights(imager) if inputs.positions is not None else None
         self._seen = torch.from_numpy(imager.visible.any(axis=0)).to(device)
@@ -68,56 +95,49 @@ class Pipeline:
         if inputs.pinned is not None:
             self._fixed = torch.zeros(len(imager.mesh.vertices), dtype=torch.bool, device=device)
             self._fixed[inputs.pinned] = True
-        self._threads = self._usable_threads()
         # An obstacle stands in one pose at a time: each thread takes one while it works.
         self._obstacles: SimpleQueue[_Remembering | None] = SimpleQueue()
-        for _ in range(self._threads):
+        for _ in range(threads):
             self._obstacles.put(_obstacle(inputs, config, device))
-        self._solver = self._make_solver()
-        self._confidence = inputs.confidence
-        if self._confidence is not None and bool((self._confidence[:, imager.mask] == 1).all()):
-            self._confidence = None  # to the last bit the same
+        self._solver = self._make_solver(with_normals=inputs.normals is not None)
         self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
 
-    def batches(self) -> list[slice]:
-        """The frames to solve together: all of them where they depend on each other, one where each awaits another."""
-        frames = self._inputs.n_frames
-        size = min(self._config.batch_frames, -(-frames // self._threads))
-        if self._config.weight_temporal:
-            size = frames
-        elif self._config.warm_start:
-            size = 1
-        return [slice(first, min(first + size, frames)) for first in range(0, frames, size)]
+    def pieces(self, batches: Iterable[FusionInputs], watch: Stopwatch) -> Iterator[Piece]:
+        """All batches solved, in their order; over several threads where that helps.
 
-    def pieces(self, watch: Stopwatch) -> Iterator[Piece]:
-        """All batches solved, in their order; over several threads where that helps."""
+        No more batches are asked for than keep the threads busy.
+        """
         if self._threads == 1:
-            yield from (self.solve(frames, watch) for frames in self.batches())
+            yield from (self.solve(batch, watch) for batch in batches)
             return
+        waiting: deque[Future[Piece]] = deque()
         with ThreadPoolExecutor(self._threads, "fusion", initializer=be_one_of_many) as pool:
             try:
-                yield from pool.map(lambda frames: self.solve(frames, watch), self.batches())
+                for batch in batches:
+                    waiting.append(pool.submit(self.solve, batch, watch))
+                    if len(waiting) > self._threads:
+                        yield waiting.popleft().result()
+                while waiting:
+                    yield waiting.popleft().result()
             finally:
                 pool.shutdown(cancel_futures=True)
 
-    def solve(self, frames: slice, watch: Stopwatch) -> Piece:
+    def solve(self, batch: FusionInputs, watch: Stopwatch) -> Piece:
         """Both stages and the clean-up of some frames."""
         obstacle = self._obstacles.get()
         try:
-            return self._solved(frames, watch, obstacle)
+            return self._solved(batch, watch, obstacle)
         finally:
             self._obstacles.put(obstacle)
 
-    def _solved(self, frames: slice, watch: Stopwatch, obstacle: _Remembering | None) -> Piece:
+    def _solved(self, inputs: FusionInputs, watch: Stopwatch, obstacle: _Remembering | None) -> Piece:
         stages: dict[str, Minimum] = {}
-        inputs, config = self._inputs, self._config
+        config = self._config
         with watch.stage("start"):
-            readings = self._readings(frames)
-            target, confidence = self._target(frames)
+            readings = self._readings(inputs)
+            target, confidence = self._target(inputs)
             if obstacle is not None:
-                obstacle.update(
-                    *(v[frames] for v in (inputs.body_vertices, inputs.under_vertices) if v is not None)
-                )
+                obstacle.update(*(v for v in (inputs.body_vertices, inputs.under_vertices) if v is not None))
         vertices = initial = readings.vertices
         if inputs.positions is not None and _any_steps(config, "edge"):
             share = anchor_share(
@@ -144,55 +164,50 @@ class Pipeline:
                 vertices, inside = self._cleared(vertices, obstacle)
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
         solved = _array(vertices)
-        check_finite(solved, "fuse: the result", first=frames.start)
+        check_finite(solved, "fuse: the result", first=inputs.first)
         return Piece(solved, _array(initial), stages, unseen, inside)
 
-    def _usable_threads(self) -> int:
-        """Batches that are solved at the same time. Those of Adam, the reference, are solved one after the other."""
-        config = self._config
-        coupled = config.weight_temporal or config.warm_start
-        if config.solver == "adam" or coupled or self._device.type != "cpu":
-            return 1
-        return max(1, min(n_threads(), self._inputs.n_frames))
-
-    def _make_solver(self) -> Solver:
+    def _make_solver(self, *, with_normals: bool) -> Solver:
         config = self._config
         if config.solver == "adam":
-            pixels = None if self._inputs.normals is None else self._shown.product(self._topology.n_vertices)
+            pixels = self._shown.product(self._topology.n_vertices) if with_normals else None
             return AdamSolver(self._topology, config, pixels=pixels, fixed=self._fixed)
         return LocalGlobalSolver(
             self._topology, config, seen=self._seen, shown=self._shown, device=self._device, fixed=self._fixed
         )
 
-    def _readings(self, frames: slice) -> Readings:
+    def _readings(self, inputs: FusionInputs) -> Readings:
         """Vertices from the position maps, or those given; pinned ones where they are wanted."""
-        inputs = self._inputs
         if self._weights is not None:
             assert inputs.positions is not None
-            confidence = None if self._confidence is None else self._confidence[frames].to(self._device)
-            readings = self._weights.read(inputs.positions[frames].to(self._device), confidence)
+            readings = self._weights.read(inputs.positions.to(self._device), self._confidence(inputs))
         else:
             assert inputs.initial is not None
-            vertices = inputs.initial[frames].to(self._device)
+            vertices = inputs.initial.to(self._device)
             readings = Readings(vertices, self._seen.expand(len(vertices), -1))
         if inputs.pinned_positions is None:
             return readings
         pinned = readings.vertices.clone()
-        pinned[:, inputs.pinned] = inputs.pinned_positions[frames].to(pinned)
+        pinned[:, inputs.pinned] = inputs.pinned_positions.to(pinned)
         return replace(readings, vertices=pinned)
 
-    def _target(self, frames: slice) -> tuple[torch.Tensor | None, torch.Tensor | None]:
+    def _confidence(self, inputs: FusionInputs) -> torch.Tensor | None:
+        """(T, S, H, W); None where all count alike."""
+        if not self._weighted or inputs.confidence is None:
+            return None
+        return inputs.confidence.to(self._device)
+
+    def _target(self, inputs: FusionInputs) -> tuple[torch.Tensor | None, torch.Tensor | None]:
         """(T, P, 3) unit normals at the covered pixels, and their confidence (T, P).
 
         A network's average of normals is shorter than 1.
         """
-        inputs, places = self._inputs, self._shown.places
+        places = self._shown.places
         if inputs.normals is None:
             return None, None
-        target = safe_normalize(inputs.normals[frames].flatten(1, 3)[:, places].to(self._device))
-        if self._confidence is None:
-            return target, None
-        return target, self._confidence[frames].flatten(1)[:, places].to(self._device)
+        target = safe_normalize(inputs.normals.flatten(1, 3)[:, places].to(self._device))
+        confidence = self._confidence(inputs)
+        return target, None if confidence is None else confidence.flatten(1)[:, places]
 
     def _started(self, stage: str, vertices: torch.Tensor) -> torch.Tensor:
         """Where to start: `vertices`, moved as in the frame before for a warm start."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from reprlib import repr as shortened
@@ -9,8 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from imgtransfer.data.clip import REQUIRED, Clip, clip_of
+from imgtransfer.data.clip import REQUIRED, Clip
 from imgtransfer.data.clip_checks import plain
+from imgtransfer.data.reader import NpzReader, Reader
 from imgtransfer.importers.axes import Axes
 from render import InputError, load_mesh
 from render.files import check_regular
@@ -24,18 +26,28 @@ _MOST = 10**_DIGITS
 
 
 @dataclass(frozen=True, eq=False)
+class Moved:
+    """Some frames of a surface: vertices (T, B, 3), metres, world coordinates; and of its clip, where it is of one."""
+
+    vertices: np.ndarray
+    clip: Clip | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Moving:
-    """A surface in motion.
+    """A surface in motion, whose frames are read when their turn comes.
 
     Args:
         faces: (G, 3) integers.
-        vertices: (T, B, 3), metres, world coordinates.
-        clip: where it came from a clip.
+        n_frames: T.
+        parts: all frames in order, so many at a time as it is given; the last part may be shorter.
+        still: the first frame of the clip that it is of.
     """
 
     faces: np.ndarray
-    vertices: np.ndarray
-    clip: Clip | None = None
+    n_frames: int
+    parts: Callable[[int], Iterator[Moved]]
+    still: Clip | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +90,12 @@ class Pins:
 
 
 def is_meshes(path: Path) -> bool:
-    """Whether `load_moving` would read mesh files, whose coordinates may lie in any way, at a path."""
+    """Whether `open_moving` would read mesh files, whose coordinates may lie in any way, at a path."""
     return path.is_dir() or path.suffix.lower() in SUFFIXES
 
 
-def load_moving(path: Path, kind: Kind, axes: Axes | None = None) -> Moving:
-    """Read a body or a garment in motion.
+def open_moving(path: Path, kind: Kind, axes: Axes | None = None) -> Moving:
+    """A body or a garment in motion.
 
     Args:
         path: a clip npz, or an npz with `<kind>_faces` (G, 3) and `<kind>_vertices` (T, B, 3); or one mesh file for a
@@ -92,35 +104,54 @@ def load_moving(path: Path, kind: Kind, axes: Axes | None = None) -> Moving:
         axes: how mesh files lie; None for metres, y up. Arrays are metres, y up, always.
 
     Raises:
-        InputError: no such file, a damaged one, or arrays that are missing or of a wrong shape.
+        InputError: no such file, a damaged one, or arrays that are missing or of a wrong shape. What only the content
+            of a later frame shows is raised when that is read.
     """
     if path.is_dir():
-        return _from_meshes(path, axes or Axes())
+        files = sorted(entry for entry in path.iterdir() if entry.suffix.lower() in SUFFIXES)
+        if not files:
+            raise InputError(f"{path}: no mesh file in it ({', '.join(SUFFIXES)})")
+        return _from_meshes(files, axes or Axes())
     if path.suffix.lower() in SUFFIXES:
-        mesh = load_mesh(path)
-        return Moving(mesh.faces, (axes or Axes()).apply(mesh.vertices[None]).astype(np.float32))
+        return _from_meshes([path], axes or Axes())
     names = (f"{kind}_faces", f"{kind}_vertices")
     wanted = f"an npz with {' and '.join(names)}, or mesh files ({', '.join(SUFFIXES)}),"
     with open_npz(path, wanted) as npz:
         if set(REQUIRED) - {"garment_vertices"} <= set(npz.names):
-            return _of_clip(clip_of(npz, path), path, kind)
+            return _of_clip(NpzReader(path), path, kind)
         missing = [name for name in names if name not in npz]
         if missing:
             raise InputError(f"{path}: lacks {' and '.join(missing)}; a {kind} in motion needs both")
         shape = npz.shape(names[1])
         if len(shape) != 3 or shape[0] == 0 or shape[2] != 3:
             raise InputError(f"{path}: {names[1]} must have shape (frames, vertices, 3), found {shape}")
-        faces, vertices = (npz.read(name) for name in names)
-    check_faces(faces, vertices.shape[1], f"{path}: {names[0]}")
-    check_finite(vertices, f"{path}: {names[1]}")
-    return Moving(plain(faces, whole=True), plain(vertices, whole=False))
+        faces = npz.read(names[0])
+    check_faces(faces, shape[1], f"{path}: {names[0]}")
+    return Moving(plain(faces, whole=True), shape[0], lambda count: _rows(path, names[1], count))
 
 
-def _of_clip(clip: Clip, path: Path, kind: Kind) -> Moving:
-    vertices = clip.body_vertices if kind == "body" else clip.garment_vertices
-    if vertices is None:
+def _rows(path: Path, name: str, count: int) -> Iterator[Moved]:
+    with open_npz(path) as npz:
+        first = 0
+        for vertices in npz.rows(name, count):
+            check_finite(vertices, f"{path}: {name}", first=first)
+            first += len(vertices)
+            yield Moved(plain(vertices, whole=False))
+
+
+def _of_clip(reader: Reader, path: Path, kind: Kind) -> Moving:
+    still = reader.clip(0, 1)
+    if kind == "garment" and still.garment_vertices is None:
         raise InputError(f"{path}: this clip has no garment_vertices, only a body")
-    return Moving(clip.body_faces if kind == "body" else clip.garment_faces, vertices, clip)
+
+    def parts(count: int) -> Iterator[Moved]:
+        for clip in reader.parts(count):
+            vertices = clip.body_vertices if kind == "body" else clip.garment_vertices
+            assert vertices is not None
+            yield Moved(vertices, clip)
+
+    faces = still.body_faces if kind == "body" else still.garment_faces
+    return Moving(faces, reader.n_frames, parts, still)
 
 
 def load_pins(path: Path) -> Pins:
@@ -160,20 +191,23 @@ def load_pins(path: Path) -> Pins:
     return Pins(indices.astype(np.int64), positions, str(path))
 
 
-def _from_meshes(folder: Path, axes: Axes) -> Moving:
-    files = sorted(entry for entry in folder.iterdir() if entry.suffix.lower() in SUFFIXES)
-    if not files:
-        raise InputError(f"{folder}: no mesh file in it ({', '.join(SUFFIXES)})")
-    meshes = [load_mesh(file) for file in files]
-    first = meshes[0]
-    for mesh in meshes:
+def _from_meshes(files: Sequence[Path], axes: Axes) -> Moving:
+    first = load_mesh(files[0])
+
+    def vertices(file: Path) -> np.ndarray:
+        mesh = load_mesh(file)
         if mesh.vertices.shape != first.vertices.shape or not np.array_equal(mesh.faces, first.faces):
             raise InputError(
                 f"{mesh.source}: {len(mesh.vertices)} vertices and {len(mesh.faces)} faces; every frame must have "
                 f"those of {first.source}, {len(first.vertices)} and {len(first.faces)}, in the same order"
             )
-    vertices = np.stack([mesh.vertices for mesh in meshes])
-    return Moving(first.faces, axes.apply(vertices).astype(np.float32))
+        return axes.apply(mesh.vertices[None])[0].astype(np.float32)
+
+    def parts(count: int) -> Iterator[Moved]:
+        for start in range(0, len(files), count):
+            yield Moved(np.stack([vertices(file) for file in files[start : start + count]]))
+
+    return Moving(first.faces, len(files), parts)
 
 
 def _numbers(path: Path) -> np.ndarray:

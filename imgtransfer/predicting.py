@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -9,15 +10,20 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from fusion import initial_vertices
-from imgtransfer.data.clip import Clip, load_clip, save_clip
+from fusion.initialise import InitialWeights
+from imgtransfer.data.clip import Clip, written_clip
+from imgtransfer.data.reader import NpzReader, Reader
 from imgtransfer.data.source import ClipRef
-from imgtransfer.network.model import Prediction, TransferModel
+from imgtransfer.network.model import FRAMES_AT_ONCE, Prediction, TransferModel
 from imgtransfer.predictions import MAPS_FILE, POSITION_ONLY_FILE
 from imgtransfer.running import in_worker
 from imgtransfer.training.checkpoint import load_model
-from render import InputError, MapFile, save_maps
+from render import InputError, MapFile, written_maps
 from render.files import written_whole_folder
+
+_COMPARED = 32  # frames that are compared together
+# The arrays of a clip that a prediction follows from.
+_DECISIVE = ("template_vertices", "body_rest", "body_faces", "body_vertices", "poses", "trans", "fps")
 
 
 @dataclass(frozen=True)
@@ -49,25 +55,54 @@ def predict_clip(task: PredictTask) -> str:
     Raises:
         InputError: a model or clip that cannot be read, or that do not fit each other.
     """
-    clip = task.clip.load()
-    if not task.overwrite and _stands(task.folder, clip, task.mark):
+    reader = task.clip.reader()
+    if not task.overwrite and _stands(task.folder, reader, task.mark):
         return f"{task.folder}  predicted by this model already; --overwrite does it again"
     hidden = True if in_worker() else None
-    bar = partial(tqdm, desc=clip.name, unit="batch", leave=False, disable=hidden)
-    save_prediction(task.folder, _model(task.model, task.mark).predict(clip, bar), clip, model=task.mark)
-    return f"{task.folder}  {clip.n_frames} frames"
+    batches = -(-reader.n_frames // FRAMES_AT_ONCE)
+    bar = partial(tqdm, total=batches, desc=reader.name, unit="batch", leave=False, disable=hidden)
+    save_prediction(task.folder, _model(task.model, task.mark), reader, mark=task.mark, progress=bar)
+    return f"{task.folder}  {reader.n_frames} frames"
 
 
-def save_prediction(folder: Path, prediction: Prediction, clip: Clip, *, model: str) -> None:
-    """Write a clip's folder, in place of an earlier one: the maps, and the vertices that the position maps alone give.
+def save_prediction(
+    folder: Path,
+    model: TransferModel,
+    reader: Reader,
+    *,
+    mark: str,
+    progress: Callable[[Iterable[Clip]], Iterable[Clip]] = iter,
+) -> None:
+    """Predict a clip some frames at a time, and write the maps, and the vertices that the position maps alone give.
 
     Args:
-        folder: appears whole or not at all. What was fused from an earlier prediction goes with that.
-        prediction: of the clip.
-        clip: with the body; the vertices are written as this clip's garment, world frame.
-        model: `fingerprint` of the model, for the record.
+        folder: appears whole or not at all, in place of an earlier one. What was fused from an earlier prediction
+            goes with that.
+        model: predicts.
+        reader: of the clip, with the body; the vertices are written as this clip's garment, world frame.
+        mark: `fingerprint` of the model, for the record.
+        progress: wraps the iteration over the batches, such as tqdm.
+
+    Raises:
+        InputError: a clip that cannot be read, or does not fit the model.
     """
-    maps = MapFile.of(
+    predictor = model.predictor(reader.clip(0, 1))
+    weights = InitialWeights(model.imager)
+    with (
+        written_whole_folder(folder) as temporary,
+        written_maps(temporary / MAPS_FILE) as add_maps,
+        written_clip(temporary / POSITION_ONLY_FILE) as add_clip,
+    ):
+        for clip in progress(reader.parts(FRAMES_AT_ONCE)):
+            prediction = predictor(clip)
+            add_maps(_map_file(prediction))
+            vertices = weights(model.imager.sample(prediction.metres())).numpy()
+            garment = clip.with_garment(prediction.frames.to_world(vertices))
+            add_clip(replace(garment, info=clip.info | {"model": mark}))
+
+
+def _map_file(prediction: Prediction) -> MapFile:
+    return MapFile.of(
         prediction.imager,
         position=prediction.positions.numpy(),
         normal=prediction.normals.numpy(),
@@ -77,11 +112,6 @@ def save_prediction(folder: Path, prediction: Prediction, clip: Clip, *, model: 
         fps=prediction.fps,
         rest_vertices=prediction.rest_vertices,
     )
-    vertices = initial_vertices(prediction.imager, prediction.metres()).numpy()
-    garment = clip.with_garment(prediction.frames.to_world(vertices))
-    with written_whole_folder(folder) as temporary:
-        save_maps(temporary / MAPS_FILE, maps)
-        save_clip(temporary / POSITION_ONLY_FILE, replace(garment, info=clip.info | {"model": model}))
 
 
 @lru_cache(maxsize=1)
@@ -90,15 +120,19 @@ def _model(path: Path, mark: str) -> TransferModel:
     return load_model(path)
 
 
-def _stands(folder: Path, clip: Clip, model: str) -> bool:
-    """Whether the folder holds this model's prediction for this very clip."""
+def _stands(folder: Path, reader: Reader, model: str) -> bool:
+    """Whether the folder holds this model's prediction for this very clip, compared some frames at a time."""
     if not (folder / MAPS_FILE).is_file():
         return False
+    stored = NpzReader(folder / POSITION_ONLY_FILE)
     try:
-        stored = load_clip(folder / POSITION_ONLY_FILE)
+        if stored.clip(0, 1).info.get("model") != model or stored.n_frames != reader.n_frames:
+            return False
+        # Where one cannot be read it does not stand; if it is the clip, predicting says what is wrong.
+        return all(
+            np.array_equal(getattr(part, key), getattr(clip, key))
+            for part, clip in zip(stored.parts(_COMPARED), reader.parts(_COMPARED), strict=True)
+            for key in _DECISIVE
+        )
     except InputError:
         return False
-    decisive = ("template_vertices", "body_rest", "body_faces", "body_vertices", "poses", "trans", "fps")
-    return stored.info.get("model") == model and all(
-        np.array_equal(getattr(stored, key), getattr(clip, key)) for key in decisive
-    )

@@ -10,7 +10,18 @@ from render.temporaries import clear, put_back
 METHODS = ("fused", "position_only")  # of vertices, the better first; each a clip npz METHOD.npz
 FUSED_FILE, POSITION_ONLY_FILE = (f"{method}.npz" for method in METHODS)
 MAPS_FILE, REPORT_FILE, HISTORY_FILE, MESHES_FOLDER = "maps.npz", "fusion.json", "history.png", "meshes"
-WRITTEN = frozenset({MAPS_FILE, POSITION_ONLY_FILE, FUSED_FILE, REPORT_FILE, HISTORY_FILE, MESHES_FOLDER})
+TEXTURES_FOLDER = "textures"  # as `imgtransfer.data.texture_files` names it
+WRITTEN = frozenset(
+    {
+        MAPS_FILE,
+        POSITION_ONLY_FILE,
+        FUSED_FILE,
+        REPORT_FILE,
+        HISTORY_FILE,
+        MESHES_FOLDER,
+        TEXTURES_FOLDER,
+    }
+)
 
 
 def folders_in(path: Path) -> list[Path]:

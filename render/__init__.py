@@ -13,9 +13,11 @@ if TYPE_CHECKING:
     from render.encoding import decode_normals as decode_normals
     from render.encoding import encode_normals as encode_normals
     from render.imager import TemplateImager as TemplateImager
+    from render.map_reader import load_maps as load_maps
+    from render.map_reader import open_maps as open_maps
+    from render.map_writer import save_maps as save_maps
+    from render.map_writer import written_maps as written_maps
     from render.mapfile import MapFile as MapFile
-    from render.mapfile import load_maps as load_maps
-    from render.mapfile import save_maps as save_maps
     from render.mesh import Mesh as Mesh
     from render.mesh import vertex_normals as vertex_normals
     from render.meshio import load_mesh as load_mesh
@@ -41,11 +43,15 @@ _MODULES = {
         "encode_normals",
     ),
     "imager": ("TemplateImager",),
-    "mapfile": (
-        "MapFile",
+    "map_reader": (
         "load_maps",
-        "save_maps",
+        "open_maps",
     ),
+    "map_writer": (
+        "save_maps",
+        "written_maps",
+    ),
+    "mapfile": ("MapFile",),
     "mesh": (
         "Mesh",
         "vertex_normals",

@@ -7,7 +7,8 @@ import errno
 import io
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,16 +45,16 @@ _SHAPES |= dict.fromkeys(("boxLo", "boxHi", "translation"), (3,))  # all others 
 _MOST_CHANNELS = 64
 
 
-def save_folder(folder: Path, maps: MapFile, *, file_format: str, version: int) -> None:
-    """Write a folder with `template.obj` and one `FRAME.IMAGE.exr` for each frame and image.
+@contextmanager
+def written_folder(folder: Path, *, file_format: str, version: int) -> Iterator[Callable[[MapFile], None]]:
+    """Yield what takes the frames of a folder with `template.obj` and one `FRAME.IMAGE.exr` for each frame and image.
 
     Channels are float32: position.X .Y .Z and normal.X .Y .Z as encoded, mask (0 or 1), depth (metres) and
     confidence, those that there are. Box, camera and canonical frame stand in every header. Maps with `rest_vertices`
     get these as `rest.obj`.
 
     Args:
-        folder: made, or replaced if it holds such files.
-        maps: what to write.
+        folder: made, or replaced if it holds such files, when the block ends without an error.
         file_format, version: as in the npz.
 
     Raises:
@@ -61,94 +62,124 @@ def save_folder(folder: Path, maps: MapFile, *, file_format: str, version: int) 
     """
     if folder.exists() and not _ours(folder):
         raise InputError(f"{folder}: exists already and is no folder of EXR maps; choose another name")
-    constant = {"boxLo": maps.box_lo, "boxHi": maps.box_hi, "fps": repr(maps.fps)}
-    constant |= {"format": file_format, "formatVersion": version}
     with written_whole_folder(folder) as temporary:
-        _write_obj(temporary / TEMPLATE, maps.template_vertices, maps.template_faces)
-        if maps.rest_vertices is not None:
-            _write_obj(temporary / REST, maps.rest_vertices, maps.template_faces)
-        for frame in range(len(maps.rotation)):
-            for image, camera in enumerate(maps.cameras):
-                header = constant | {
-                    "frame": frame,
-                    "image": image,
-                    "view": camera.name,
-                    "layer": camera.layer,
-                    "viewMatrix": camera.view,
-                    "projectionMatrix": camera.projection,
-                    "rotation": maps.rotation[frame],
-                    "translation": maps.translation[frame],
-                }
-                _write(temporary / f"{frame:05d}.{image}.exr", header, _channels(maps, frame, image))
+        written = 0
+
+        def add(maps: MapFile) -> None:
+            nonlocal written
+            if not written:
+                _write_obj(temporary / TEMPLATE, maps.template_vertices, maps.template_faces)
+                if maps.rest_vertices is not None:
+                    _write_obj(temporary / REST, maps.rest_vertices, maps.template_faces)
+            constant = {"boxLo": maps.box_lo, "boxHi": maps.box_hi, "fps": repr(maps.fps)}
+            constant |= {"format": file_format, "formatVersion": version}
+            for frame in range(maps.n_frames):
+                for image, camera in enumerate(maps.cameras):
+                    header = constant | {
+                        "frame": written,
+                        "image": image,
+                        "view": camera.name,
+                        "layer": camera.layer,
+                        "viewMatrix": camera.view,
+                        "projectionMatrix": camera.projection,
+                        "rotation": maps.rotation[frame],
+                        "translation": maps.translation[frame],
+                    }
+                    _write(temporary / f"{written:05d}.{image}.exr", header, _channels(maps, frame, image))
+                written += 1
+
+        yield add
 
 
-def load_folder(folder: Path) -> dict[str, Any]:
-    """What `save_folder` wrote, as arrays by the names of an npz.
+class ExrFolder:
+    """What `written_folder` wrote, as arrays by the names of an npz; images are read when they are asked for.
+
+    Args:
+        folder: of EXR files.
+
+    Attributes:
+        constant: arrays that do not change from frame to frame.
+        shapes: of the others.
 
     Raises:
         InputError: no EXR files, one that cannot be read or is missing, or headers or channels that differ.
     """
-    paths = sorted(folder.glob("*.exr"))
-    if not paths:
-        raise InputError(f"{folder}: no .exr files in it; a folder of EXR maps is wanted")
-    files = {}
-    for path in paths:
-        header, channels = _read(path, len(paths))
-        files[_number(path, header, "frame"), _number(path, header, "image")] = path, header, channels
-    frames, images = (1 + max(key[axis] for key in files) for axis in (0, 1))
-    lost = next((key for key in np.ndindex(frames, images) if key not in files), None)
-    if lost or len(files) != len(paths):
-        what = f"frame {lost[0]}, image {lost[1]} is missing" if lost else "two files are of one image"
-        raise InputError(f"{folder}: {what}, of {frames} frames with {images} images each")
-    first = files[0, 0]
-    for (frame, image), (path, header, _) in files.items():
-        for keys, other in ((_OF_ALL, first), (_OF_IMAGE, files[0, image]), (_OF_FRAME, files[frame, 0])):
-            for key in keys:
-                if not np.array_equal(_attribute(path, header, key), _attribute(*other[:2], key)):
-                    raise InputError(f"{path}: '{key}' in its header is not that of {other[0].name}")
-    values = {name: _attribute(*first[:2], key) for key, name in _OF_ALL.items()}
-    for key, name in _OF_IMAGE.items():
-        values[name] = np.stack([_attribute(*files[0, image][:2], key) for image in range(images)])
-    for key, name in _OF_FRAME.items():
-        values[name] = np.stack([_attribute(*files[frame, 0][:2], key) for frame in range(frames)])
-    with contextlib.suppress(ValueError):  # a text that is no number stays one, which `load_maps` refuses
-        values["fps"] = np.asarray(float(values["fps"]))
+
+    def __init__(self, folder: Path) -> None:
+        paths = sorted(folder.glob("*.exr"))
+        if not paths:
+            raise InputError(f"{folder}: no .exr files in it; a folder of EXR maps is wanted")
+        self._paths: dict[tuple[int, int], Path] = {}
+        for path in paths:
+            header = _header(path)
+            self._paths[_number(path, header, "frame"), _number(path, header, "image")] = path
+        self._frames, self._images = (1 + max(key[axis] for key in self._paths) for axis in (0, 1))
+        whole = self._frames * self._images
+        if not len(self._paths) == len(paths) == whole:
+            # At most as many as there are files lie before the first that is missing.
+            lost = next(
+                (key for key in np.ndindex(self._frames, self._images) if key not in self._paths), None
+            )
+            what = f"frame {lost[0]}, image {lost[1]} is missing" if lost else "two files are of one image"
+            raise InputError(f"{folder}: {what}, of {self._frames} frames with {self._images} images each")
+        files = [(self._paths[0, image], *_read(self._paths[0, image])) for image in range(self._images)]
+        path, header, self._like = files[0]
+        self.constant = {name: _attribute(path, header, key) for key, name in _OF_ALL.items()}
+        for key, name in _OF_IMAGE.items():
+            self.constant[name] = np.stack([_attribute(*file[:2], key) for file in files])
+        with contextlib.suppress(ValueError):  # a text that is no number stays one, which readers refuse
+            self.constant["fps"] = np.asarray(float(self.constant["fps"]))
+        self.constant |= _meshes(folder)
+        self.constant["mask"] = np.stack([channels["mask"] > 0.5 for _, _, channels in files])
+        if "depth" in self._like:
+            self.constant["depth"] = np.stack([self._alike(path, c)["depth"] for path, _, c in files])
+        self.shapes = {name: (self._frames, *values.shape[1:]) for name, values in self._rows(0, 1).items()}
+
+    def rows(self, count: int) -> Iterator[dict[str, np.ndarray]]:
+        """Arrays with one value a frame, `count` frames at a time: (T, S, H, W, 3) and so on.
+
+        Raises:
+            InputError: a file that cannot be read, or has another size or other channels than the first.
+        """
+        return (
+            self._rows(first, min(first + count, self._frames)) for first in range(0, self._frames, count)
+        )
+
+    def _rows(self, start: int, stop: int) -> dict[str, np.ndarray]:
+        found: dict[str, list[Any]] = {}
+        for frame in range(start, stop):
+            files = [(path, *_read(path)) for path in (self._paths[frame, s] for s in range(self._images))]
+            images = [self._alike(path, channels) for path, _, channels in files]
+            for name in ("position", "normal"):
+                keys = [f"{name}.{axis}" for axis in _AXES]
+                if all(key in self._like for key in keys):
+                    stacks = [np.stack([channels[key] for key in keys], -1) for channels in images]
+                    found.setdefault(name, []).append(stacks)
+            if "confidence" in self._like:
+                found.setdefault("confidence", []).append([channels["confidence"] for channels in images])
+            for key, name in _OF_FRAME.items():
+                found.setdefault(name, []).append(_attribute(*files[0][:2], key))
+        return {name: np.array(values) for name, values in found.items()}
+
+    def _alike(self, path: Path, channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The channels; InputError unless they are those of the first file."""
+        size = self._like["mask"].shape
+        if channels.keys() != self._like.keys() or {c.shape for c in channels.values()} != {size}:
+            raise InputError(f"{path}: its size or channels are not those of {self._paths[0, 0].name}")
+        return channels
+
+
+def _meshes(folder: Path) -> dict[str, np.ndarray]:
+    """The template, and the rest shape if there is one."""
     template = load_mesh(folder / TEMPLATE)
-    values |= {"template_vertices": template.vertices, "template_faces": template.faces}
+    found = {"template_vertices": template.vertices, "template_faces": template.faces}
     if (folder / REST).exists():
         rest = load_mesh(folder / REST)
         if not np.array_equal(rest.faces, template.faces):
             raise InputError(
                 f"{folder / REST}: its faces are not those of {TEMPLATE}; the same garment is wanted"
             )
-        values["rest_vertices"] = rest.vertices
-    return values | _images(
-        {key: (path, channels) for key, (path, _, channels) in files.items()}, frames, images
-    )
-
-
-def _images(files: dict, frames: int, images: int) -> dict[str, np.ndarray]:
-    """The channels of all files, stacked to (T, S, H, W, 3) or (T, S, H, W); mask and depth to (S, H, W)."""
-    path, first = files[0, 0]
-    for other, channels in files.values():
-        if channels.keys() != first.keys() or {c.shape for c in channels.values()} != {first["mask"].shape}:
-            raise InputError(f"{other}: its size or channels are not those of {path.name}")
-    found = {}
-    for name in ("position", "normal"):
-        keys = [f"{name}.{axis}" for axis in _AXES]
-        if all(key in first for key in keys):
-            stacks = [
-                [np.stack([files[t, s][1][k] for k in keys], -1) for s in range(images)]
-                for t in range(frames)
-            ]
-            found[name] = np.array(stacks)
-    if "confidence" in first:
-        found["confidence"] = np.array(
-            [[files[t, s][1]["confidence"] for s in range(images)] for t in range(frames)]
-        )
-    found["mask"] = np.stack([files[0, s][1]["mask"] > 0.5 for s in range(images)])
-    if "depth" in first:
-        found["depth"] = np.stack([files[0, s][1]["depth"] for s in range(images)])
+        found["rest_vertices"] = rest.vertices
     return found
 
 
@@ -178,37 +209,38 @@ def _write(path: Path, header: dict[str, Any], channels: dict[str, np.ndarray]) 
             raise OSError(errno.EIO, reason, str(path)) from error
 
 
-def _read(path: Path, alike: int) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and channels of a file, one of so many `alike`."""
+def _header(path: Path) -> dict[str, Any]:
+    """Of an image of a size that is read."""
     import OpenEXR  # noqa: PLC0415
 
     check_regular(path, "an OpenEXR image")
-    try:
-        with _without_its_notes(), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
-            low, high = file.header()["dataWindow"]
-            height, width = (int(high[axis]) - int(low[axis]) + 1 for axis in (1, 0))
-            count = len(file.header()["channels"])
-        if not (1 <= height <= MAX_LENGTH and 1 <= width <= MAX_LENGTH and count <= _MOST_CHANNELS):
-            raise InputError(
-                f"{path}: {height} x {width} pixels of {count} channels; up to {MAX_LENGTH} a side and "
-                f"{_MOST_CHANNELS} channels are read"
-            )
-        check_memory(4 * alike * height * width * count, f"{path}: {alike} images like it")
-        with _without_its_notes(), OpenEXR.File(str(path), separate_channels=True) as file:
-            header = dict(file.header())
-            channels = {
-                name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()
-            }
-    except InputError:
-        raise
-    except Exception as error:  # its readers raise RuntimeError, ValueError, TypeError
-        raise InputError(f"{path}: not a readable OpenEXR file ({one_line(error)})") from error
+    with _faults_named(path), OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+        header = dict(file.header())
+        low, high = header["dataWindow"]
+        height, width = (int(high[axis]) - int(low[axis]) + 1 for axis in (1, 0))
+        count = len(header["channels"])
+    if not (1 <= height <= MAX_LENGTH and 1 <= width <= MAX_LENGTH and count <= _MOST_CHANNELS):
+        raise InputError(
+            f"{path}: {height} x {width} pixels of {count} channels; up to {MAX_LENGTH} a side and "
+            f"{_MOST_CHANNELS} channels are read"
+        )
+    check_memory(4 * height * width * count, f"{path}: the image")
+    return header
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    import OpenEXR  # noqa: PLC0415
+
+    _header(path)  # before there is room for what it says
+    with _faults_named(path), OpenEXR.File(str(path), separate_channels=True) as file:
+        header = dict(file.header())
+        channels = {name: np.array(channel.pixels, np.float32) for name, channel in file.channels().items()}
     if "mask" not in channels:
         raise InputError(f"{path}: no channel 'mask'; it has {', '.join(sorted(channels))}")
     return header, channels
 
 
-@contextlib.contextmanager
+@contextmanager
 def _without_its_notes() -> Iterator[None]:
     """Keep off the terminal what the library and the one beneath it print about files that they then refuse."""
     sys.stderr.flush()
@@ -222,6 +254,15 @@ def _without_its_notes() -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
+
+
+@contextmanager
+def _faults_named(path: Path) -> Iterator[None]:
+    try:
+        with _without_its_notes():
+            yield
+    except Exception as error:  # its readers raise RuntimeError, ValueError, TypeError
+        raise InputError(f"{path}: not a readable OpenEXR file ({one_line(error)})") from error
 
 
 def _attribute(path: Path, header: dict[str, Any], key: str) -> np.ndarray:

@@ -1,29 +1,40 @@
-"""Maps on disk, with all that someone else needs to turn them into a mesh."""
+"""Maps, with all that someone else needs to turn them into a mesh."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
-from render import exr
 from render.cameras import Camera
 from render.encoding import PositionBox
 from render.errors import InputError
-from render.files import written_whole
 from render.imager import TemplateImager
 from render.limits import FARTHEST, check_rate, check_rotations
 from render.mesh import Mesh, check_finite
-from render.npz import open_npz
 
 FORMAT, FORMAT_VERSION = "imgtransfer-maps", 3
 HEAVIEST = 1e6  # of a pixel's confidence, where 1 is as usual
 # Version 1 has no layers, depth or confidence, version 2 no rest_vertices.
 READABLE_VERSIONS = ("1", "2", "3")
-_OPTIONAL = {"position", "normal", "layers", "confidence", "depth", "rest_vertices"}
+OPTIONAL = {"position", "normal", "layers", "confidence", "depth", "rest_vertices"}
+BY_FRAME = ("position", "normal", "confidence", "rotation", "translation")
+
+
+class Maps(Protocol):
+    """Maps of T frames that are taken some frames at a time: a `MapFile`, or a file of which no more is read."""
+
+    @property
+    def n_frames(self) -> int:
+        """T."""
+        ...
+
+    def parts(self, count: int) -> Iterator[MapFile]:
+        """All frames in order, `count` at a time; the last part may be shorter."""
+        ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -181,6 +192,20 @@ class MapFile:
         )
 
     @property
+    def n_frames(self) -> int:
+        """T."""
+        return len(self.rotation)
+
+    def part(self, frames: slice) -> MapFile:
+        """Some of the frames."""
+        values = {name: getattr(self, name) for name in BY_FRAME}
+        return replace(self, **{name: v[frames] for name, v in values.items() if v is not None})
+
+    def parts(self, count: int) -> Iterator[MapFile]:
+        """All frames in order, `count` at a time; the last part may be shorter."""
+        return (self.part(slice(first, first + count)) for first in range(0, self.n_frames, count))
+
+    @property
     def box(self) -> PositionBox:
         """The position box."""
         return PositionBox(self.box_lo, self.box_hi)
@@ -207,70 +232,3 @@ class MapFile:
             Camera(name, view, projection, (height, width), layer=int(layer))
             for name, view, projection, layer in matrices
         )
-
-
-def save_maps(path: Path | str, maps: MapFile) -> None:
-    """Write maps; whole or not at all.
-
-    Args:
-        path: a name that ends in .npz: a compressed npz of plain arrays, named as the fields of `MapFile`; or a
-            name without an ending: a folder of OpenEXR files (see `render.exr`).
-        maps: what to write.
-
-    Raises:
-        InputError: the path ends otherwise, or is a folder that holds something else.
-    """
-    path = Path(path)
-    if path.suffix == "":
-        exr.save_folder(path, maps, file_format=FORMAT, version=FORMAT_VERSION)
-        return
-    if path.suffix != ".npz":
-        raise InputError(
-            f"{path}: map files end in .npz; a name without an ending makes a folder of EXR files"
-        )
-    arrays = {field.name: getattr(maps, field.name) for field in fields(maps)}
-    arrays = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
-    with written_whole(path) as temporary:
-        np.savez_compressed(temporary, format=FORMAT, format_version=FORMAT_VERSION, **arrays)
-
-
-def load_maps(path: Path | str) -> MapFile:
-    """Read what `save_maps` wrote, or another program as docs/maps.md says.
-
-    Args:
-        path: an npz, or a folder of EXR files.
-
-    Raises:
-        InputError: no such file, a damaged one, another format or version, an array missing or of a wrong
-            shape.
-    """
-    path = Path(path)
-    arrays = exr.load_folder(path) if path.is_dir() else _load_npz(path)
-    found = arrays.pop("format", "none"), arrays.pop("format_version", "none")
-    if str(found[0]) != FORMAT or str(found[1]) not in READABLE_VERSIONS:
-        *earlier, latest = READABLE_VERSIONS
-        raise InputError(
-            f"{path}: format '{FORMAT}' version {', '.join(earlier)} or {latest} expected, "
-            f"found '{found[0]}' version {found[1]}"
-        )
-    names = {field.name for field in fields(MapFile)}
-    absent = names - _OPTIONAL - set(arrays)
-    if absent:
-        raise InputError(f"{path}: {', '.join(sorted(absent))} missing from the map file")
-    values: dict[str, Any] = dict.fromkeys(_OPTIONAL) | {name: arrays[name] for name in names & set(arrays)}
-    if values["views"].ndim != 1 or values["fps"].size != 1 or values["fps"].dtype.kind not in "fiu":
-        raise InputError(
-            f"{path}: views must be names (S,) and fps one number; found {arrays['views'].shape} "
-            f"and {arrays['fps'].dtype} {arrays['fps'].shape}"
-        )
-    values["views"], values["fps"] = tuple(values["views"].tolist()), values["fps"].item()
-    try:
-        return MapFile(**values)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-
-
-def _load_npz(path: Path) -> dict[str, Any]:
-    known = {field.name for field in fields(MapFile)} | {"format", "format_version"}
-    with open_npz(path, "an npz of maps, or a folder of EXR images,") as npz:
-        return {name: npz.read(name) for name in npz.names if name in known}

@@ -98,6 +98,8 @@ class Npz:
             return
         with self._member(name) as file:
             self._skip_header(file)
+            size = header.bytes // max(1, header.shape[0]) * min(count, header.shape[0])
+            _check_room(size, f"{self._path}: {name} of shape {header.shape}")
             for first in range(0, header.shape[0], count):
                 part = np.empty((min(count, header.shape[0] - first), *header.shape[1:]), header.dtype)
                 self._fill(file, part.reshape(-1))
@@ -136,12 +138,7 @@ class Npz:
     @classmethod
     def _rest(cls, file: IO[bytes], header: _Header, source: str) -> np.ndarray:
         """The array behind a header; `source` is what the message calls it where the memory is too small."""
-        free = available_bytes()
-        if free is not None and header.bytes > free:
-            raise InputError(
-                f"{source} of shape {header.shape} needs {header.bytes / 2**30:.1f} GiB of memory, "
-                f"and {free / 2**30:.1f} GiB are free"
-            )
+        _check_room(header.bytes, f"{source} of shape {header.shape}")
         values = np.empty(math.prod(header.shape), header.dtype)
         cls._fill(file, values)
         if file.read(1):
@@ -226,6 +223,15 @@ def read_npy(path: Path | str, what: str = "an npy file of one plain array") -> 
     except _FAULTS as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: not a readable npy array ({reason}); {what} is wanted") from error
+
+
+def _check_room(size: int, source: str) -> None:
+    """Raise InputError unless so many bytes are free."""
+    free = available_bytes()
+    if free is not None and size > free:
+        raise InputError(
+            f"{source} needs {size / 2**30:.1f} GiB of memory, and {free / 2**30:.1f} GiB are free"
+        )
 
 
 def available_bytes() -> int | None:

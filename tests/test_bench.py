@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.bench import fusion, measuring, render, simulation, store, training
+from scripts.bench import fusion, measuring, memory, render, simulation, store, training
 from scripts.bench.measuring import Results, Timings, interleaved
 
 ROOT = Path(__file__).parents[1]
@@ -53,6 +53,7 @@ KEYS = {
             )
         ),
     },
+    "memory": {"predict_mb_3", "predict_mb_6", "predict_ratio", "fuse_mb_3", "fuse_mb_6", "fuse_ratio"},
     "simulation": {
         "vertices",
         "frames_per_s",
@@ -88,7 +89,14 @@ KEYS = {
         "steps_per_s_passive_beside_one",
     },
 }
-BENCHES = {"render": render, "fusion": fusion, "simulation": simulation, "store": store, "training": training}
+BENCHES = {
+    "render": render,
+    "fusion": fusion,
+    "memory": memory,
+    "simulation": simulation,
+    "store": store,
+    "training": training,
+}
 
 
 @pytest.mark.parametrize("name", BENCHES)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 
-from render import MapFile
+from render import MapFile, load_maps
 
 PAGE = (Path(__file__).parents[1] / "docs" / "maps.md").read_text()
 
@@ -58,6 +58,8 @@ def test_the_written_maps_are_those_of_the_waving_sheet(
     assert distance.max() < 2e-3
     exec(program("dilation"), space)
     assert space["mended"].shape == maps.position.shape
+    exec(program("parts"), space)
+    np.testing.assert_array_equal(load_maps("copy.npz").normal, maps.normal)
 
 
 def test_the_tables_name_every_array_and_attribute() -> None:

@@ -10,8 +10,10 @@ from imgtransfer.cli.options import add_clip_choice, at_least_one, chosen_refs
 from render import InputError
 
 if TYPE_CHECKING:
-    from imgtransfer.data.clip import Clip
     from imgtransfer.data.mesh_output import MeshKind
+    from imgtransfer.data.reader import Reader
+
+_TOGETHER = 32  # frames that are read together
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -48,7 +50,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> None:
     """Export one clip."""
     from imgtransfer.data.choice import some  # noqa: PLC0415
-    from imgtransfer.data.clip import save_clip  # noqa: PLC0415
+    from imgtransfer.data.clip import written_clip  # noqa: PLC0415
     from imgtransfer.report.glb import animated_glb  # noqa: PLC0415
 
     kind = args.out.suffix.lower()
@@ -62,29 +64,37 @@ def run(args: argparse.Namespace) -> None:
     if len(refs) > 1:
         named = some([ref.name for ref in refs])
         raise InputError(f"{args.source}: export takes one clip; choose with --clip one of {named}")
-    clip = refs[0].load()
-    step = args.step or 1
+    reader, step = refs[0].reader(), args.step or 1
     if kind == ".npz":
-        save_clip(args.out, clip)
+        with written_clip(args.out) as add:
+            for part in reader.parts(_TOGETHER):
+                add(part)
     elif kind == ".glb":
-        animated_glb(args.out, clip, step=step)
+        animated_glb(args.out, reader.clip(), step=step)
     else:
-        _write_frames(args.out, clip, args.frames_as or "obj", step)
-    print(f"{args.out}  {clip.name}: {len(range(0, clip.n_frames, step))} of {clip.n_frames} frames")
+        _write_frames(args.out, reader, args.frames_as or "obj", step)
+    print(f"{args.out}  {reader.name}: {len(range(0, reader.n_frames, step))} of {reader.n_frames} frames")
 
 
-def _write_frames(folder: Path, clip: Clip, kind: MeshKind, step: int) -> None:
-    from imgtransfer.data.mesh_output import add_mesh_frames  # noqa: PLC0415
+def _write_frames(folder: Path, reader: Reader, kind: MeshKind, step: int) -> None:
+    from imgtransfer.data.mesh_output import MeshFrames  # noqa: PLC0415
     from render import Mesh  # noqa: PLC0415
     from render.files import written_whole_folder  # noqa: PLC0415
 
     if folder.exists():
         raise InputError(f"--out {folder}: exists already; give the name of a new folder")
+    clip = reader.clip(0, 1)
     # Named as `import meshes` and `simulate` look for them, rest pose included.
-    meshes = {"body": (clip.body_vertices, Mesh(clip.body_rest, clip.body_faces), "body_rest")}
+    meshes = {"body": (Mesh(clip.body_rest, clip.body_faces), "body_rest")}
     if clip.garment_vertices is not None:
-        meshes["garment"] = (clip.garment_vertices, clip.template, "template")
+        meshes["garment"] = (clip.template, "template")
     with written_whole_folder(folder) as temporary:
-        for name, (vertices, rest, still) in meshes.items():
-            numbers = range(0, clip.n_frames, step)
-            add_mesh_frames(temporary, vertices[::step], rest, kind, name=name, numbers=numbers, still=still)
+        writers = {}
+        for name, (rest, still) in meshes.items():
+            writers[name] = MeshFrames(temporary, rest, kind, name=name, step=step)
+            writers[name].add_still(still)
+        done = 0
+        for part in reader.parts(_TOGETHER):
+            for name, writer in writers.items():
+                writer.add(getattr(part, f"{name}_vertices")[-done % step :: step])
+            done += part.n_frames

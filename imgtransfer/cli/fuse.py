@@ -6,7 +6,7 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import join
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from imgtransfer.cli.mesh_options import OF_AXES, OF_GARMENT_AXES, add_axes
 from imgtransfer.cli.options import (
@@ -31,7 +31,7 @@ from render import InputError
 from render.limits import MAX_LENGTH
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.fusing import Fused, Given, Ways
+    from imgtransfer.fusing import Given, Ways
 
 # Options of the form with --maps.
 SINGLE = ("out", "template", "initial", "body", "under", "pins", *OF_AXES, *OF_GARMENT_AXES, "weld")
@@ -197,15 +197,14 @@ def _check_device(device: str) -> None:
 def _fuse_file(args: argparse.Namespace, ways: Ways) -> None:
     """Fuse --maps; the folder --out appears whole or not at all."""
     from imgtransfer.cli.fuse_files import given_files  # noqa: PLC0415
-    from imgtransfer.fusing import save_fused  # noqa: PLC0415
     from imgtransfer.report.fusion_history import fusion_table  # noqa: PLC0415
     from render.files import written_whole_folder  # noqa: PLC0415
 
     check_replaceable(args.out, "--out")
-    result = _fused(args.maps, given_files(args), args, ways)
+    given = given_files(args)
     with written_whole_folder(args.out) as folder:
-        save_fused(folder, result, meshes=args.meshes)
-    print(fusion_table(result.report))
+        report = _fused(args.maps, folder, given, args, ways)
+    print(fusion_table(report))
     print(f"results  {args.out}: {', '.join(sorted(entry.name for entry in args.out.iterdir()))}")
 
 
@@ -224,10 +223,8 @@ class _Task:
 
 def _fuse_predicted(task: _Task) -> str:
     """Fuse one clip's folder, unless that was done with these settings since it was predicted; a line about it."""
-    from imgtransfer.data.clip import load_clip  # noqa: PLC0415
-    from imgtransfer.data.mesh_output import save_mesh_frames  # noqa: PLC0415
-    from imgtransfer.fusing import Given, fused_as, save_fused  # noqa: PLC0415
-    from imgtransfer.moving import load_moving  # noqa: PLC0415
+    from imgtransfer.fusing import Given, fused_as, meshes_of  # noqa: PLC0415
+    from imgtransfer.moving import open_moving  # noqa: PLC0415
 
     folder, args, ways = task.folder, task.args, task.ways
     maps, target = folder / MAPS_FILE, folder / FUSED_FILE
@@ -235,29 +232,30 @@ def _fuse_predicted(task: _Task) -> str:
     drawn = (folder / HISTORY_FILE).is_file() or not args.history
     if newer and drawn and not args.overwrite and fused_as(target) == ways.as_text():
         if args.meshes:
-            clip = load_clip(target)
-            assert clip.garment_vertices is not None
-            save_mesh_frames(folder / MESHES_FOLDER, clip.garment_vertices, clip.template, args.meshes)
+            meshes_of(target, folder / MESHES_FOLDER, args.meshes)
         return f"{folder}  fused with these settings already; --overwrite does it again"
-    result = _fused(maps, Given(body=load_moving(folder / POSITION_ONLY_FILE, "body")), args, ways)
-    save_fused(folder, result, meshes=args.meshes)
-    return f"{folder}  {result.report['frames']} frames, {result.report['seconds']:.1f} s"
+    report = _fused(maps, folder, Given(body=open_moving(folder / POSITION_ONLY_FILE, "body")), args, ways)
+    return f"{folder}  {report['frames']} frames, {report['seconds']:.1f} s"
 
 
-def _fused(path: Path, given: Given, args: argparse.Namespace, ways: Ways) -> Fused:
-    """Read and fuse one map file, with a bar."""
+def _fused(path: Path, folder: Path, given: Given, args: argparse.Namespace, ways: Ways) -> dict[str, Any]:
+    """Fuse one map file into a folder, with a bar; the report."""
     from tqdm import tqdm  # noqa: PLC0415
 
-    from imgtransfer.fusing import fused  # noqa: PLC0415
+    from imgtransfer.fusing import fuse_into  # noqa: PLC0415
     from imgtransfer.running import in_worker  # noqa: PLC0415
-    from render import load_maps  # noqa: PLC0415
+    from render import open_maps  # noqa: PLC0415
 
-    maps = load_maps(path)
+    maps = open_maps(path)
     name = path.parent.name if path.name == MAPS_FILE else path.stem
     hidden = True if in_worker() else None
-    with tqdm(total=len(maps.rotation), desc=name, unit="frame", leave=False, disable=hidden) as bar:
+    options = {"meshes": args.meshes, "device": args.device, "history": args.history}
+    with tqdm(total=maps.n_frames, desc=name, unit="frame", leave=False, disable=hidden) as bar:
         try:
-            return fused(maps, given, ways, device=args.device, history=args.history, progress=bar.update)
+            return fuse_into(folder, maps, given, ways, **options, progress=bar.update)
         except InputError as error:
             bar.close()
+            named = (path, folder / POSITION_ONLY_FILE, *(getattr(args, option) for option in SINGLE))
+            if str(error).startswith(tuple(str(file) for file in named if file is not None)):
+                raise
             raise InputError(f"{path}: {error}") from error

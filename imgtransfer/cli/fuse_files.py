@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from imgtransfer.cli.mesh_options import check_axes_used, chosen_axes
 from imgtransfer.fusing import Given
 from imgtransfer.importers.weld import Welded, weld, weld_motion
-from imgtransfer.moving import Moving, Pins, is_meshes, load_moving, load_pins
+from imgtransfer.moving import Moved, Moving, Pins, is_meshes, load_pins, open_moving
 from render import InputError, load_mesh
 
 
@@ -33,9 +34,9 @@ def given_files(args: argparse.Namespace) -> Given:
     of_garment = of_garment or axes
     given = Given(
         template=of_garment.of_mesh(load_mesh(args.template)) if args.template else None,
-        initial=load_moving(args.initial, "garment", of_garment) if args.initial else None,
-        body=load_moving(args.body, "body", axes) if args.body else None,
-        under=load_moving(args.under, "garment", of_garment) if args.under else None,
+        initial=open_moving(args.initial, "garment", of_garment) if args.initial else None,
+        body=open_moving(args.body, "body", axes) if args.body else None,
+        under=open_moving(args.under, "garment", of_garment) if args.under else None,
         pins=load_pins(args.pins) if args.pins else None,
     )
     return _welded(given, args) if args.weld else given
@@ -46,12 +47,21 @@ def _welded(given: Given, args: argparse.Namespace) -> Given:
     assert given.template is not None
     welded = weld(given.template)
     initial, pins = given.initial, given.pins
-    if initial is not None and initial.vertices.shape[1] == len(given.template.vertices):
-        vertices = weld_motion(initial.vertices, welded, source=str(args.initial))
-        initial = Moving(welded.mesh.faces, vertices)
+    if initial is not None and len(next(initial.parts(1)).vertices[0]) == len(given.template.vertices):
+        initial = _welded_motion(initial, welded, str(args.initial))
     if pins is not None:
         pins = _of_welded(pins, welded, args)
     return replace(given, template=welded.mesh, initial=initial, pins=pins)
+
+
+def _welded_motion(moving: Moving, welded: Welded, source: str) -> Moving:
+    def parts(count: int) -> Iterator[Moved]:
+        first = 0
+        for part in moving.parts(count):
+            yield Moved(weld_motion(part.vertices, welded, source=source, first=first))
+            first += len(part.vertices)
+
+    return Moving(welded.mesh.faces, moving.n_frames, parts)
 
 
 def _of_welded(pins: Pins, welded: Welded, args: argparse.Namespace) -> Pins:

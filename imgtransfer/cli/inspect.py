@@ -196,12 +196,15 @@ def _is_map_file(source: Path) -> bool:
 
 
 def _maps(source: Path) -> None:
-    from render import load_maps  # noqa: PLC0415
+    from render import open_maps  # noqa: PLC0415
 
-    maps = load_maps(source)
+    reader = open_maps(source)
+    maps = next(reader.parts(1))
+    for _ in reader.parts(16):  # what is damaged anywhere is named
+        pass
     height, width = maps.mask.shape[1:]
     kinds = [kind for kind in ("position", "normal") if getattr(maps, kind) is not None]
-    print(f"maps: {' and '.join(kinds)}, {len(maps.rotation)} frames at {maps.fps:g} fps")
+    print(f"maps: {' and '.join(kinds)}, {reader.n_frames} frames at {maps.fps:g} fps")
     print(f"views: {one_line(', '.join(maps.views))}, {height} x {width} pixels (height x width)")
     covered = [
         f"{view} {100 * share:.1f} %" for view, share in zip(maps.views, maps.mask.mean((1, 2)), strict=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from render.files import written_whole
 from render.limits import ANGLES, FARTHEST, check_rate
 from render.mesh import check_faces, check_finite
 from render.npz import Npz, open_npz
+from render.npz_writer import NpzWriter
 from render.surface import Surface
 from render.textures import with_full_paths
 
@@ -30,6 +32,7 @@ REQUIRED = (
 SKINNING = ("poses", "trans", "joints_rest", "parents", "blend_weights", "joint_transforms")
 SURFACE = ("original_faces", "original_vertices", "uvs", "uv_faces", "face_materials")
 STORED = (*REQUIRED[:-1], *SKINNING, *SURFACE)  # every array of a clip
+PER_FRAME = ("garment_vertices", "body_vertices", "poses", "trans", "joint_transforms")
 FLOATS = tuple(name for name in STORED if name not in INDICES)
 _LONGEST_TEXT = 1 << 24  # bytes; a material library is the longest that anyone has
 _LIMITS = {"poses": (ANGLES, "rad"), "blend_weights": (10.0, ""), "uvs": (FARTHEST, "")}  # no positions
@@ -162,8 +165,7 @@ class Clip:
 
     def slice(self, frames: slice) -> Clip:
         """The same clip with only the frames of `frames`."""
-        per_frame = ("garment_vertices", "body_vertices", "poses", "trans", "joint_transforms")
-        cut = {key: getattr(self, key)[frames] for key in per_frame if getattr(self, key) is not None}
+        cut = {key: getattr(self, key)[frames] for key in PER_FRAME if getattr(self, key) is not None}
         return replace(self, **cut)
 
     def with_garment(self, vertices: np.ndarray) -> Clip:
@@ -188,16 +190,27 @@ def clip_of(npz: Npz, path: Path) -> Clip:
     Raises:
         InputError: as `load_clip`.
     """
+    check_clip_npz(npz, path)
+    return next(clip_parts(npz, path, npz.shape("body_vertices")[0]))
+
+
+def clip_parts(npz: Npz, path: Path, count: int) -> Iterator[Clip]:
+    """The clip in an open npz file, `count` frames at a time; the last part may be shorter.
+
+    Raises:
+        InputError: as `load_clip`.
+    """
     present = check_clip_npz(npz, path)
-    try:
-        return Clip(
-            **{key: npz.read(key) if key in present else None for key in STORED},  # type: ignore[arg-type]
-            fps=float(npz.read("fps").reshape(())),
-            info=with_found_textures(_texts(npz), path.parent),
-            name=path.stem,
-        )
-    except InputError as error:
-        raise InputError(f"{path}: {str(error).removeprefix(f'{path.stem}: ')}") from error
+    constant = {key: npz.read(key) if key in present else None for key in STORED if key not in PER_FRAME}
+    moving = [key for key in PER_FRAME if key in present]
+    fps, info = float(npz.read("fps").reshape(())), with_found_textures(_texts(npz), path.parent)
+    for rows in zip(*(npz.rows(key, count) for key in moving), strict=True):
+        values = dict.fromkeys(PER_FRAME) | constant | dict(zip(moving, rows, strict=True))
+        try:
+            part = Clip(**values, fps=fps, info=info, name=path.stem)
+        except InputError as error:
+            raise InputError(f"{path}: {str(error).removeprefix(f'{path.stem}: ')}") from error
+        yield part
 
 
 def check_clip_npz(npz: Npz, path: Path) -> list[str]:
@@ -232,18 +245,38 @@ def _texts(npz: Npz) -> dict[str, str]:
     }
 
 
+@contextmanager
+def written_clip(path: str | Path) -> Iterator[Callable[[Clip], None]]:
+    """Yield what takes the frames of a clip, some at a time; the npz appears whole when the block ends without error.
+
+    All parts have the same arrays; those that do not change with time, and the rest, are taken from the first. Its
+    textures are copied into textures/ beside the file.
+    """
+    with NpzWriter(Path(path)) as out:
+        started = False
+
+        def add(clip: Clip) -> None:
+            nonlocal started
+            arrays = {key: getattr(clip, key) for key in STORED if getattr(clip, key) is not None}
+            for key, values in arrays.items():
+                if key in PER_FRAME:
+                    out.append(key, values)
+                elif not started:
+                    out.write(key, values)
+            if not started:
+                out.write("fps", np.float64(clip.fps))
+                for key, text in stored_info(clip, Path(path).parent).items():
+                    out.write(key, np.str_(text))
+            started = True
+
+        yield add
+
+
 def save_clip(path: str | Path, clip: Clip) -> Path:
     """Write a clip npz; the file appears whole or not at all. Its textures are copied into textures/ beside."""
-    path = Path(path)
-    arrays = {key: getattr(clip, key) for key in STORED if getattr(clip, key) is not None}
-    with written_whole(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            **arrays,
-            fps=np.float64(clip.fps),
-            **{k: np.str_(v) for k, v in stored_info(clip, path.parent).items()},  # type: ignore[arg-type]
-        )
-    return path
+    with written_clip(path) as add:
+        add(clip)
+    return Path(path)
 
 
 def stored_info(clip: Clip, folder: Path) -> dict[str, str]:

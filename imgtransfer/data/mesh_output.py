@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -22,74 +23,88 @@ MeshKind = Literal["obj", "ply"]
 LIBRARY = "materials.mtl"
 
 
-def save_mesh_frames(
-    folder: Path,
-    vertices: np.ndarray,
-    template: Mesh,
-    kind: MeshKind,
-    *,
-    name: str = "frame",
-    numbers: Iterable[int] | None = None,
-) -> None:
-    """Write one mesh file a frame, `<name>_0000.obj` and so on; the folder is replaced as a whole.
+class MeshFrames:
+    """Writes a moving mesh into a folder as one file a frame, `<name>_0000.obj` and so on, some frames at a time.
+
+    Textures that can be found are copied beside the files, and named by their bare names; the others are named on
+    stderr.
 
     Args:
-        folder: where the files go.
-        vertices: (T, N, 3) metres, in the template's vertex order.
+        folder: is there already, and keeps what it holds.
         template: N vertices; with a surface, the files have the vertices, triangles, texture coordinates and
             materials of the file that the template came from, in that file's order.
         kind: "obj" (texture coordinates by `vt`, materials by a library beside the files) or "ply" (coordinates by
             `s` and `t` a vertex, or by `texcoord` a face where a vertex has several; PLY knows no materials).
         name: what the file names begin with.
-        numbers: of the frames, for the file names; 0, 1, 2 ... by default.
+        step: what the numbers in the file names count by.
+    """
+
+    def __init__(
+        self, folder: Path, template: Mesh, kind: MeshKind, *, name: str = "frame", step: int = 1
+    ) -> None:
+        self._folder, self._template, self._kind, self._name = folder, template, kind, name
+        self._step, self._next = step, 0
+        surface = template.surface or plain_surface(template.faces, len(template.vertices))
+        if surface.mtl:
+            mtl, missing = bring_textures(surface.mtl, folder)
+            surface = replace(surface, mtl=mtl)
+            if missing:
+                print(
+                    f"note: textures of {one_line(template.source)} that are no images here: "
+                    f"{one_line(', '.join(missing))}; put them beside the written files",
+                    file=sys.stderr,
+                )
+        self._surface = surface
+        self._writer = _Obj(surface) if kind == "obj" else _Ply(surface)
+        if kind == "obj" and surface.mtl:
+            (folder / LIBRARY).write_text(surface.mtl)
+
+    def add(self, vertices: np.ndarray) -> None:
+        """Write the next frames: (T, N, 3) metres, in the template's vertex order.
+
+        Raises:
+            InputError: another number of vertices than the template has, or one that is not finite; names its frame.
+        """
+        if vertices.ndim != 3 or vertices.shape[1:] != self._template.vertices.shape:
+            wanted = f"(frames, {len(self._template.vertices)}, 3)"
+            raise InputError(
+                f"{self._template.source}: moved vertices must have shape {wanted}, found {vertices.shape}"
+            )
+        check_finite(vertices, f"{self._template.source}: moved vertices", first=self._next // self._step)
+        for frame in self._surface.of_file(vertices):
+            self._write(f"{self._name}_{self._next:04d}", frame)
+            self._next += self._step
+
+    def add_still(self, name: str) -> None:
+        """Write the template itself, under another name."""
+        self._write(name, self._surface.of_file(self._template.vertices[None])[0])
+
+    def _write(self, name: str, vertices: np.ndarray) -> None:
+        (self._folder / f"{name}.{self._kind}").write_bytes(self._writer.to_bytes(vertices))
+
+
+@contextmanager
+def written_mesh_frames(
+    folder: Path, template: Mesh, kind: MeshKind, *, name: str = "frame"
+) -> Iterator[MeshFrames]:
+    """Yield what takes the frames of a folder of meshes, which appears as a whole, in place of an earlier one.
+
+    Arguments as for `MeshFrames`.
+    """
+    with written_whole_folder(folder) as temporary:
+        yield MeshFrames(temporary, template, kind, name=name)
+
+
+def save_mesh_frames(
+    folder: Path, vertices: np.ndarray, template: Mesh, kind: MeshKind, *, name: str = "frame"
+) -> None:
+    """Write frames (T, N, 3) that are in memory; see `written_mesh_frames`.
 
     Raises:
         InputError: another number of vertices than the template has, or one that is not finite; names its frame.
     """
-    with written_whole_folder(folder) as temporary:
-        add_mesh_frames(temporary, vertices, template, kind, name=name, numbers=numbers)
-
-
-def add_mesh_frames(
-    folder: Path,
-    vertices: np.ndarray,
-    template: Mesh,
-    kind: MeshKind,
-    *,
-    name: str = "frame",
-    numbers: Iterable[int] | None = None,
-    still: str | None = None,
-) -> None:
-    """`save_mesh_frames` into a folder that is there already and keeps what it holds.
-
-    With `still`, the template itself is written, too, under that name. Textures that can be found are copied beside the
-    files, and named by their bare names; the others are named on stderr.
-    """
-    if vertices.ndim != 3 or vertices.shape[1:] != template.vertices.shape:
-        wanted = f"(frames, {len(template.vertices)}, 3)"
-        raise InputError(
-            f"{template.source}: moved vertices must have shape {wanted}, found {vertices.shape}"
-        )
-    check_finite(vertices, f"{template.source}: moved vertices")
-    surface = template.surface or plain_surface(template.faces, len(template.vertices))
-    if surface.mtl:
-        mtl, missing = bring_textures(surface.mtl, folder)
-        surface = replace(surface, mtl=mtl)
-        if missing:
-            print(
-                f"note: textures of {one_line(template.source)} that are no images here: "
-                f"{one_line(', '.join(missing))}; put them beside the written files",
-                file=sys.stderr,
-            )
-    writer = _Obj(surface) if kind == "obj" else _Ply(surface)
-    if kind == "obj" and surface.mtl:
-        (folder / LIBRARY).write_text(surface.mtl)
-    moved = surface.of_file(vertices)
-    for number, frame in zip(numbers if numbers is not None else range(len(moved)), moved, strict=True):
-        (folder / f"{name}_{number:04d}.{kind}").write_bytes(writer.to_bytes(frame))
-    if still is not None:
-        unmoved = surface.of_file(template.vertices[None])[0]
-        (folder / f"{still}.{kind}").write_bytes(writer.to_bytes(unmoved))
+    with written_mesh_frames(folder, template, kind, name=name) as frames:
+        frames.add(vertices)
 
 
 class _Obj:

@@ -1,7 +1,8 @@
-"""Clips read by frames: of a data set only the chunks that hold them, of anything else from memory."""
+"""Clips read by frames: of a data set only the chunks that hold them, of an npz as it comes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from imgtransfer.data.arrays import StoredArray
-from imgtransfer.data.clip import Clip, check_clip_npz, load_clip, with_found_textures
+from imgtransfer.data.clip import REQUIRED, Clip, check_clip_npz, clip_parts, with_found_textures
 from imgtransfer.data.clip_checks import check_arrays
 from imgtransfer.data.metadata import ClipAttributes, read_arrays
 from imgtransfer.data.place import METADATA, Place
@@ -41,6 +42,10 @@ class Reader(Protocol):
         """The clip with only the frames from `start` to `stop`; all of them by default."""
         ...
 
+    def parts(self, count: int) -> Iterator[Clip]:
+        """All frames in order, `count` at a time; the last part may be shorter."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class LoadedReader:
@@ -63,10 +68,13 @@ class LoadedReader:
     def clip(self, start: int = 0, stop: int | None = None) -> Clip:
         return self.whole.slice(slice(start, stop))
 
+    def parts(self, count: int) -> Iterator[Clip]:
+        return (self.clip(first, first + count) for first in range(0, self.n_frames, count))
+
 
 @dataclass(frozen=True, eq=False)
 class NpzReader:
-    """A clip npz, which can only be read as a whole: once for each request."""
+    """A clip npz, which can only be read from its beginning: once for each request."""
 
     path: Path
 
@@ -85,7 +93,12 @@ class NpzReader:
         return self.n_frames
 
     def clip(self, start: int = 0, stop: int | None = None) -> Clip:
-        return load_clip(self.path).slice(slice(start, stop))
+        start, stop, _ = slice(start, stop).indices(self.n_frames)
+        return next(self.parts(max(stop, 1))).slice(slice(start, stop))
+
+    def parts(self, count: int) -> Iterator[Clip]:
+        with open_npz(self.path, f"a clip npz (keys: {', '.join(REQUIRED)})") as npz:
+            yield from clip_parts(npz, self.path, count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +153,17 @@ class StoredReader:
             )
         except InputError as error:
             raise InputError(f"{self.where}: clip {error}") from error
+
+    def parts(self, count: int) -> Iterator[Clip]:
+        """All frames in order, `count` at a time, from as many chunks as make whole parts.
+
+        Raises:
+            InputError: as `clip`.
+        """
+        together = max(1, self.frames_per_chunk // count) * count
+        for first in range(0, self.n_frames, together):
+            some = self.clip(first, first + together)
+            yield from LoadedReader(some).parts(count)
 
     @cached_property
     def _arrays(self) -> dict[str, StoredArray]:

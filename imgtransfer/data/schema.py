@@ -7,12 +7,11 @@ import re
 from importlib.metadata import version
 from typing import Any
 
-from imgtransfer.data.clip import SKINNING, SURFACE
+from imgtransfer.data.clip import PER_FRAME, SKINNING, SURFACE
 from render import InputError
 
 FORMAT, SCHEMA_VERSION = "imgtransfer-dataset", 2
 READABLE = (1, SCHEMA_VERSION)
-PER_FRAME = ("garment_vertices", "body_vertices", "poses", "trans", "joint_transforms")
 STATIC = ("template_vertices", "garment_faces", "body_rest", "body_faces")
 ARRAYS = tuple(dict.fromkeys((*STATIC, *PER_FRAME, *SKINNING, *SURFACE)))  # every array of a clip, once
 REQUIRED_ARRAYS = (*STATIC, "body_vertices")

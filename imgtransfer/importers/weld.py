@@ -78,12 +78,14 @@ def weld(mesh: Mesh, tolerance: float = TOLERANCE) -> Welded:
     return Welded(welded, chosen, len(first) - len(chosen))
 
 
-def weld_motion(vertices: np.ndarray, welded: Welded, *, source: str, part: float = 1e-3) -> np.ndarray:
+def weld_motion(
+    vertices: np.ndarray, welded: Welded, *, source: str, part: float = 1e-3, first: int = 0
+) -> np.ndarray:
     """(T, M, 3) vertices in the file's order -> (T, N, 3) in the welded mesh's.
 
     Args:
         vertices: metres. source: what messages call them.
-        part: metres, how far joined vertices may part in motion.
+        part: metres, how far joined vertices may part in motion. first: number of the first of the T frames.
 
     Raises:
         InputError: joined vertices part, so that they are no seam.
@@ -96,6 +98,6 @@ def weld_motion(vertices: np.ndarray, welded: Welded, *, source: str, part: floa
         other = welded.chosen[welded.mesh.surface.vertices[vertex]]
         raise InputError(
             f"{source}: vertices {other} and {vertex} lie on each other in the rest pose but part by "
-            f"{1000 * gap[frame, vertex]:.0f} mm in frame {frame}; this is no seam: leave out --weld"
+            f"{1000 * gap[frame, vertex]:.0f} mm in frame {first + frame}; this is no seam: leave out --weld"
         )
     return moved

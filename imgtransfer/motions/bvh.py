@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import JOINTS, PARENTS, local_poses, segment_direction
 from imgtransfer.extras import optional
+from imgtransfer.motions.bvh_text import check_bvh
 from imgtransfer.motions.motion import Motion, of_file, resample
 from imgtransfer.motions.skeletons import named_joints
 from render import InputError

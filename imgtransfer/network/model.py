@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -171,8 +171,18 @@ class TransferModel(nn.Module):
         """The template's tokens of both networks, (1, S, 1 + M, dim) each."""
         return self.position_net.encode(self.garment_positions), self.normal_net.encode(self.garment_normals)
 
+    def predictor(self, clip: Clip) -> Predictor:
+        """Predicts frames of clips with this garment and body.
+
+        Args:
+            clip: any frames of a body in motion and the model's garment, in the shape of that body.
+
+        Raises:
+            InputError: the clip's garment is not the model's.
+        """
+        return Predictor(self, clip)
+
     @one_blas_thread()
-    @torch.no_grad()
     def predict(self, clip: Clip, progress: Callable[[Iterable[int]], Iterable[int]] = iter) -> Prediction:
         """Predict the maps of every frame; the garment's own motion is not looked at.
 
@@ -183,19 +193,54 @@ class TransferModel(nn.Module):
         Raises:
             InputError: the clip's garment is not the model's.
         """
-        imager = self.body_imager(clip)
-        frames = root_frames(clip, self.maps.root)
-        vertices = frames.to_canonical(clip.body_vertices)
-        tokens = self.encode_garment()
-        positions, normals = [], []
-        for start in progress(range(0, clip.n_frames, FRAMES_AT_ONCE)):
-            batch = torch.from_numpy(vertices[start : start + FRAMES_AT_ONCE]).to(self.device)
-            images = self(imager(batch), tokens=tokens)
-            kept = self.mask[..., None]
-            unit = nn.functional.normalize(images.normals * 2 - 1, dim=-1)
-            positions.append((images.positions * kept).cpu())
-            normals.append((encode_normals(unit) * kept).cpu())
-        rest = None if same_template(clip, self.imager.mesh) else clip.template_vertices.astype(np.float64)
+        predictor = self.predictor(clip)
+        starts = progress(range(0, clip.n_frames, FRAMES_AT_ONCE))
+        parts = [predictor(clip.slice(slice(start, start + FRAMES_AT_ONCE))) for start in starts]
+        return replace(
+            parts[0],
+            positions=torch.cat([part.positions for part in parts]),
+            normals=torch.cat([part.normals for part in parts]),
+            frames=RootFrames(
+                np.concatenate([part.frames.rotation for part in parts]),
+                np.concatenate([part.frames.translation for part in parts]),
+            ),
+        )
+
+
+class Predictor:
+    """Predicts some frames at a time; what they have in common is made once.
+
+    Args:
+        model: with its weights.
+        clip: any frames of the clip, or of another of the same garment and body.
+
+    Raises:
+        InputError: the clip's garment is not the model's.
+    """
+
+    @torch.no_grad()
+    def __init__(self, model: TransferModel, clip: Clip) -> None:
+        self._model = model
+        self._body = model.body_imager(clip)
+        self._tokens = model.encode_garment()
+        of_another_shape = not same_template(clip, model.imager.mesh)
+        self._rest = clip.template_vertices.astype(np.float64) if of_another_shape else None
+
+    @torch.no_grad()
+    def __call__(self, clip: Clip) -> Prediction:
+        """The maps of all frames of `clip`, in one batch: about `FRAMES_AT_ONCE` are wanted."""
+        model = self._model
+        frames = root_frames(clip, model.maps.root)
+        batch = torch.from_numpy(frames.to_canonical(clip.body_vertices)).to(model.device)
+        images = model(self._body(batch), tokens=self._tokens)
+        kept = model.mask[..., None]
+        unit = nn.functional.normalize(images.normals * 2 - 1, dim=-1)
         return Prediction(
-            torch.cat(positions), torch.cat(normals), frames, self.imager, self.box, clip.fps, rest
+            (images.positions * kept).cpu(),
+            (encode_normals(unit) * kept).cpu(),
+            frames,
+            model.imager,
+            model.box,
+            clip.fps,
+            self._rest,
         )

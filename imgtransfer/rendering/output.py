@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
 
 from imgtransfer.rendering.scene import Scene
 from imgtransfer.report.map_pictures import difference_sheet, frames_sheet, template_sheet
-from render import InputError, MapFile, PositionBox, TemplateImager, save_maps, write_png
+from render import InputError, MapFile, PositionBox, TemplateImager, write_png, written_maps
 from render.files import written_whole_folder
 from render.pictures import map_sheet
 from render.views import ViewsSpec
 
 SHEET_FRAMES = 5  # rows of a sheet
 _BATCH = 16  # frames that are made at a time
+_SHEET_ARRAYS = ("position", "normal", "rotation", "translation")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,11 +75,11 @@ def render_scene(
             imager = framed
             if moved.rest is not scene.framed:
                 imager = TemplateImager.build(moved.rest, cameras=framed.cameras, backend=options.backend)
-            maps = _map_file(imager, points[name], box, scene, progress)
-            save_maps(folder / (f"{name}.npz" if options.file_format == "npz" else name), maps)
+            path = folder / (f"{name}.npz" if options.file_format == "npz" else name)
+            drawn = _write_maps(path, imager, points[name], box, scene=scene, shown=shown, progress=progress)
             sheets = _sheets(
                 imager,
-                maps,
+                drawn,
                 title=f"{scene.name}: {name}",
                 scene=scene,
                 shown=shown,
@@ -104,10 +105,10 @@ def _sheets(
     shown: list[int],
     distance: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
-    """Pictures of one mesh, by the end of their file's name."""
+    """Pictures of one mesh, by the end of their file's name; `maps` are those of the frames `shown`."""
     assert maps.position is not None
     assert maps.normal is not None
-    both = {"position": maps.position[shown], "normal": maps.normal[shown]}
+    both = {"position": maps.position, "normal": maps.normal}
     numbers = [scene.numbers[t] for t in shown]
     sheets = {
         "maps": map_sheet(
@@ -123,30 +124,41 @@ def _sheets(
     return sheets
 
 
-def _map_file(
+def _write_maps(
+    path: Path,
     imager: TemplateImager,
     vertices: np.ndarray,
     box: PositionBox,
+    *,
     scene: Scene,
+    shown: list[int],
     progress: Callable[[int], object] | None,
 ) -> MapFile:
-    """Maps of (T, N, 3) canonical vertices, some frames at a time."""
-    shape = (len(vertices), *imager.mask.shape, 3)
-    position, normal = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    for first in range(0, len(vertices), _BATCH):
-        some = slice(first, first + _BATCH)
-        position[some], normal[some] = imager.maps(torch.from_numpy(vertices[some]), box)
-        if progress is not None:
-            progress(len(vertices[some]))
-    return MapFile.of(
-        imager,
-        position=position,
-        normal=normal,
-        box=box,
-        rotation=scene.frames.rotation,
-        translation=scene.frames.translation,
-        fps=scene.fps,
-    )
+    """Write the maps of (T, N, 3) canonical vertices, some frames at a time; returns those of the frames `shown`."""
+    kept: list[MapFile] = []
+    with written_maps(path) as add:
+        for first in range(0, len(vertices), _BATCH):
+            some = slice(first, first + _BATCH)
+            position, normal = imager.maps(torch.from_numpy(vertices[some]), box)
+            maps = MapFile.of(
+                imager,
+                position=position.numpy(),
+                normal=normal.numpy(),
+                box=box,
+                rotation=scene.frames.rotation[some],
+                translation=scene.frames.translation[some],
+                fps=scene.fps,
+            )
+            add(maps)
+            kept += [
+                maps.part(slice(t - first, t - first + 1)) for t in shown if 0 <= t - first < maps.n_frames
+            ]
+            if progress is not None:
+                progress(maps.n_frames)
+    together: dict[str, Any] = {
+        name: np.concatenate([getattr(maps, name) for maps in kept]) for name in _SHEET_ARRAYS
+    }
+    return replace(kept[0], **together)
 
 
 def _distances(scene: Scene, against: Scene) -> dict[str, np.ndarray]:

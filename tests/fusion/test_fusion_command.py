@@ -247,14 +247,14 @@ def test_meshes_of_predictions_that_stand_are_written_without_fusing_again(predi
 def test_a_stopped_fusion_goes_on(predictions, capsys, monkeypatch):
     import imgtransfer.fusing as module  # noqa: PLC0415
 
-    real = module.fuse_maps
+    real = module.fuse_map_parts
 
     def stop_at_b(*args, **kwargs):
         if (predictions / "a" / "fused.npz").exists():
             raise KeyboardInterrupt
         return real(*args, **kwargs)
 
-    monkeypatch.setattr(module, "fuse_maps", stop_at_b)
+    monkeypatch.setattr(module, "fuse_map_parts", stop_at_b)
     assert fuse(predictions) == 130
     assert capsys.readouterr().err.splitlines()[-1] == "imgtransfer: stopped"
     assert sorted(path.name for path in (predictions / "b").iterdir()) == ["maps.npz", "position_only.npz"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from imgtransfer.moving import Pins, load_moving, load_pins
+from imgtransfer.moving import Pins, load_pins, open_moving
 from render import InputError
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -15,6 +15,12 @@ def obj(vertices, faces=FACES):
     return "\n".join(lines) + "\n"
 
 
+def all_frames(moving):
+    parts = list(moving.parts(1))
+    assert len(parts) == moving.n_frames
+    return np.concatenate([part.vertices for part in parts])
+
+
 @pytest.mark.parametrize("kind", ["body", "garment"])
 def test_npz_mesh_and_folder_say_the_same(tmp_path, kind):
     moved = np.stack([SQUARE, SQUARE + 1])
@@ -24,11 +30,11 @@ def test_npz_mesh_and_folder_say_the_same(tmp_path, kind):
         (tmp_path / "frames" / f"{name}.obj").write_text(obj(vertices))
     (tmp_path / "frames" / "notes.txt").write_text("no mesh")
     for path in (tmp_path / "m.npz", tmp_path / "frames"):
-        found = load_moving(path, kind)
-        np.testing.assert_array_equal(found.vertices, moved)
+        found = open_moving(path, kind)
+        np.testing.assert_array_equal(all_frames(found), moved)
         np.testing.assert_array_equal(found.faces, FACES)
-    single = load_moving(tmp_path / "frames" / "a.obj", kind)
-    np.testing.assert_array_equal(single.vertices, moved[:1])
+    single = open_moving(tmp_path / "frames" / "a.obj", kind)
+    np.testing.assert_array_equal(all_frames(single), moved[:1])
 
 
 def test_frames_of_a_folder_must_be_of_one_mesh(tmp_path):
@@ -37,10 +43,10 @@ def test_frames_of_a_folder_must_be_of_one_mesh(tmp_path):
     with pytest.raises(
         InputError, match=r"b\.obj: 4 vertices and 2 faces; every frame must have those of .*a\.obj"
     ):
-        load_moving(tmp_path, "body")
+        all_frames(open_moving(tmp_path, "body"))
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="no mesh file in it"):
-        load_moving(tmp_path / "empty", "body")
+        open_moving(tmp_path / "empty", "body")
 
 
 def test_arrays_that_do_not_fit_are_named(tmp_path):
@@ -48,16 +54,16 @@ def test_arrays_that_do_not_fit_are_named(tmp_path):
     with pytest.raises(
         InputError, match="no such file; an npz with body_faces and body_vertices, or mesh files"
     ):
-        load_moving(path, "body")
+        open_moving(path, "body")
     np.savez(path, body_faces=FACES, body_vertices=SQUARE)
     with pytest.raises(
         InputError, match=r"body_vertices must have shape \(frames, vertices, 3\), found \(4, 3\)"
     ):
-        load_moving(path, "body")
+        open_moving(path, "body")
     with pytest.raises(
         InputError, match="lacks garment_faces and garment_vertices; a garment in motion needs both"
     ):
-        load_moving(path, "garment")
+        open_moving(path, "garment")
 
 
 def test_pins_from_text(tmp_path):

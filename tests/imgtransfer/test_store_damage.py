@@ -23,6 +23,7 @@ from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.data.local_place import LocalPlace
 from imgtransfer.data.metadata import read_arrays
 from imgtransfer.data.place import group_metadata
+from imgtransfer.data.reader import LoadedReader, NpzReader
 from imgtransfer.data.source import clip_refs
 from imgtransfer.data.store import DataSet
 from render import InputError
@@ -92,6 +93,23 @@ def test_any_frames_equal_those_of_the_whole(data: DataSet, long_clip: Clip, sta
             reader.clip(start, stop)
         return
     assert_same_clip(reader.clip(start, stop), long_clip.slice(slice(start, stop)))
+
+
+@pytest.mark.parametrize("count", [1, 3, 20, 32, 70])
+def test_parts_are_the_whole_from_a_store_an_npz_and_memory(
+    data: DataSet, long_clip: Clip, tmp_path: Path, count: int
+) -> None:
+    readers = (
+        data.reader("tube/bend"),
+        NpzReader(save_clip(tmp_path / "walk.npz", long_clip)),
+        LoadedReader(long_clip),
+    )
+    for reader in readers:
+        first = 0
+        for part in reader.parts(count):
+            assert_same_clip(part, replace(long_clip.slice(slice(first, first + count)), name=part.name))
+            first += part.n_frames
+        assert first == FRAMES
 
 
 def test_zeros_that_were_written_are_read(tmp_path: Path, long_clip: Clip) -> None:

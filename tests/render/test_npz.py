@@ -4,6 +4,7 @@ import io
 import os
 import struct
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 from render import InputError
 from render.npz import open_npz, read_npy, read_npz
-from render.npz_writer import NpzWriter, write_npz
+from render.npz_writer import NpzWriter, joined_crc32, write_npz
 
 
 def header(text: str, version: tuple[int, int] = (1, 0)) -> bytes:
@@ -226,3 +227,21 @@ def test_a_damaged_npy_file_is_refused_in_one_line(tmp_path: Path, content: byte
     with pytest.raises(InputError, match=said) as caught:
         read_npy(tmp_path / "a.npy")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("sizes", [(0, 0), (5, 0), (0, 5), (1, 1), (128, 100_003)])
+def test_the_checksum_of_two_texts_follows_from_theirs(sizes: tuple[int, int]) -> None:
+    first, second = (np.random.default_rng(size).bytes(size) for size in sizes)
+    joined = joined_crc32(zlib.crc32(first), zlib.crc32(second), len(second))
+    assert joined == zlib.crc32(first + second)
+
+
+def test_rows_that_wait_are_compressed(tmp_path: Path) -> None:
+    with NpzWriter(tmp_path / "r.npz") as out:
+        for _ in range(20):
+            out.append("rows", np.zeros((1, 1000)))
+    with zipfile.ZipFile(tmp_path / "r.npz") as file:
+        assert file.testzip() is None
+        info = file.getinfo("rows.npy")
+    assert info.file_size > 160_000 > 100 * info.compress_size
+    assert read_npz(tmp_path / "r.npz")["rows"].shape == (20, 1000)

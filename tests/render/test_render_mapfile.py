@@ -8,7 +8,16 @@ import pytest
 import torch
 from example_meshes import tube
 
-from render import InputError, MapFile, PositionBox, TemplateImager, load_maps, save_maps
+from render import (
+    InputError,
+    MapFile,
+    PositionBox,
+    TemplateImager,
+    load_maps,
+    open_maps,
+    save_maps,
+    written_maps,
+)
 
 
 @pytest.fixture(scope="module")
@@ -188,6 +197,52 @@ def test_other_suffixes_are_refused(maps, tmp_path):
     with pytest.raises(InputError, match=r"end in \.npz"):
         save_maps(tmp_path / "maps.zip", maps)
     assert list(tmp_path.iterdir()) == []
+
+
+# some frames at a time
+
+
+@pytest.mark.parametrize("name", ["walk.npz", "walk"], ids=["npz", "exr"])
+@pytest.mark.parametrize("count", [1, 3, 5])
+def test_parts_make_the_whole(maps, tmp_path, name, count):
+    five = [maps.part(slice(frame, frame + 1)) for frame in (0, 1, 1, 0, 1)]
+    with written_maps(tmp_path / name) as add:
+        for part in five:
+            add(part)
+    reader = open_maps(tmp_path / name)
+    assert reader.n_frames == 5
+    whole = load_maps(tmp_path / name)
+    np.testing.assert_array_equal(whole.position, np.concatenate([part.position for part in five]))
+    for found in (list(reader.parts(count)), list(whole.parts(count))):
+        assert [part.n_frames for part in found] == [
+            *[count] * (5 // count),
+            *([5 % count] if 5 % count else []),
+        ]
+        for field in ("position", "normal", "confidence", "rotation", "translation"):
+            np.testing.assert_array_equal(
+                np.concatenate([getattr(part, field) for part in found]), getattr(whole, field)
+            )
+        np.testing.assert_array_equal(found[-1].mask, maps.mask)
+
+
+@pytest.mark.parametrize("name", ["walk.npz", "walk"], ids=["npz", "exr"])
+def test_maps_whose_writing_stops_leave_nothing(maps, tmp_path, name):
+    def stopped():
+        with written_maps(tmp_path / name) as add:
+            add(maps)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stopped()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_arrays_of_other_numbers_of_frames_are_refused_before_they_are_read(maps, tmp_path):
+    path = tmp_path / "maps.npz"
+    save_maps(path, maps)
+    np.savez(path, **(dict(np.load(path)) | {"translation": np.zeros((3, 3))}))
+    with pytest.raises(InputError, match=r"translation must be of shape \(2, 3\); found \(3, 3\)"):
+        open_maps(path)
 
 
 # OpenEXR

@@ -1,0 +1,111 @@
+"""A fusion of frames that are fetched when their turn comes, and handed on when they are solved."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from fusion.config import FusionConfig
+from fusion.inputs import FusionInputs
+from fusion.parallel import one_torch_thread
+from fusion.pipeline import Piece, Pipeline, frames_at_once, usable_threads
+from fusion.statistics import Statistics
+from fusion.stopwatch import Stopwatch
+from render.imager import TemplateImager
+from render.threads import one_blas_thread
+
+#: Given how many frames make a batch, all frames in order, so many at a time; the last batch may be smaller.
+Batches = Callable[[int], Iterator[FusionInputs]]
+#: Gets every batch that is solved, in order.
+Take = Callable[[Piece], object]
+
+
+@one_blas_thread()
+def fuse_batches(
+    imager: TemplateImager,
+    n_frames: int,
+    batches: Batches,
+    take: Take,
+    *,
+    config: FusionConfig,
+    device: str | torch.device = "cpu",
+    weighted: bool,
+    history: bool = False,
+    progress: Callable[[int], object] | None = None,
+) -> dict[str, Any]:
+    """Solve all frames; memory is needed for a few batches, not for the clip.
+
+    With `weight_temporal`, which makes one problem of all frames, one batch holds them all.
+
+    Args:
+        imager: of the garment's template, with the cameras of the maps.
+        n_frames: how many frames `batches` yields in all.
+        batches: fetches them.
+        take: gets every solved batch, in order.
+        config, device, history, progress: as for `fuse`.
+        weighted: whether any pixel's confidence in any frame is not 1.
+
+    Returns:
+        The report, see `FusionResult`.
+
+    Raises:
+        InputError: see `fuse`; frames that came before have been handed on by then.
+    """
+    device, started = torch.device(device), time.perf_counter()
+    watch, statistics = Stopwatch(device), Statistics(config)
+    with one_torch_thread():
+        threads = usable_threads(config, device, n_frames)
+        coming = batches(frames_at_once(config, threads, n_frames))
+        first = next(coming)
+        with watch.stage("setup"):
+            pipeline = Pipeline(imager, first, config, device, threads=threads, weighted=weighted)
+        for piece in pipeline.pieces(itertools.chain([first], coming), watch):
+            statistics.add(piece)
+            take(piece)
+            if progress is not None:
+                progress(len(piece.vertices))
+    seconds = time.perf_counter() - started
+    return statistics.report(history=history) | {
+        "seconds": seconds,
+        "seconds_per_frame": seconds / n_frames,
+        "stage_seconds": watch.seconds,
+    }
+
+
+def slices(n_frames: int, size: int) -> Iterator[slice]:
+    """All frames, `size` at a time."""
+    return (slice(first, min(first + size, n_frames)) for first in range(0, n_frames, size))
+
+
+@dataclass(frozen=True, eq=False)
+class FusionResult:
+    """Vertices recovered from maps.
+
+    Args:
+        vertices: (T, N, 3) float32, metres.
+        initial: (T, N, 3) float32, metres, before any optimisation.
+        report: plain numbers by name, means over frames: `solver`; `terms` at the start and end of each stage
+            (unweighted, lengths in metres) and `total`, their weighted sum; `iterations` by stage;
+            `unseen_percent` of the vertices, `penetration_percent` before and after the clean-up (where there is a
+            body or a garment beneath); `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads
+            together: setup, start, edge, normal, clearance); `history` on request: by stage and term (or "total")
+            a list with one value an iteration, from before the first to after the last.
+    """
+
+    vertices: np.ndarray
+    initial: np.ndarray
+    report: dict[str, Any]
+
+
+def collected(solve: Callable[[Take], dict[str, Any]]) -> FusionResult:
+    """All frames of a fusion: `solve` hands its batches on and returns the report."""
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    report = solve(lambda piece: found.append((piece.vertices, piece.initial)))
+    vertices, initial = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return FusionResult(vertices, initial, report)
