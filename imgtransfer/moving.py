@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from reprlib import repr as shortened
@@ -10,11 +9,13 @@ from typing import Literal
 
 import numpy as np
 
-from imgtransfer.data.clip import REQUIRED, Clip, load_clip
+from imgtransfer.data.clip import REQUIRED, Clip, clip_of
+from imgtransfer.data.clip_checks import plain
 from render import InputError, load_mesh
 from render.files import check_regular
 from render.mesh import check_faces, check_finite
 from render.meshio import SUFFIXES
+from render.npz import open_npz
 
 Kind = Literal["body", "garment"]
 _DIGITS = 9  # of a vertex number
@@ -68,8 +69,8 @@ class Pins:
         if self.positions is None or self.positions.ndim == 3:
             if self.positions is not None and len(self.positions) != frames:
                 raise InputError(
-                    f"{self.source}: positions of {len(self.positions)} frames, but the maps have {frames}; give as many, or "
-                    "(P, 3) for all frames"
+                    f"{self.source}: positions of {len(self.positions)} frames, but the maps have {frames}; give as "
+                    "many, or (P, 3) for all frames"
                 )
             return self.positions
         return np.broadcast_to(self.positions, (frames, *self.positions.shape))
@@ -92,26 +93,27 @@ def load_moving(path: Path, kind: Kind) -> Moving:
         mesh = load_mesh(path)
         return Moving(mesh.faces, mesh.vertices[None].astype(np.float32))
     names = (f"{kind}_faces", f"{kind}_vertices")
-    if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; wanted is an npz with {' and '.join(names)}, or mesh files ({', '.join(SUFFIXES)})"
-        )
-    found = _arrays(path)
-    if set(REQUIRED) - {"garment_vertices"} <= set(found):
-        clip = load_clip(path)
-        vertices = clip.body_vertices if kind == "body" else clip.garment_vertices
-        if vertices is None:
-            raise InputError(f"{path}: this clip has no garment_vertices, only a body")
-        return Moving(clip.body_faces if kind == "body" else clip.garment_faces, vertices, clip)
-    missing = [name for name in names if name not in found]
-    if missing:
-        raise InputError(f"{path}: lacks {' and '.join(missing)}; a {kind} in motion needs both")
-    faces, vertices = (found[name] for name in names)
-    if vertices.ndim != 3 or vertices.shape[2] != 3:
-        raise InputError(f"{path}: {names[1]} must have shape (frames, vertices, 3), found {vertices.shape}")
+    wanted = f"an npz with {' and '.join(names)}, or mesh files ({', '.join(SUFFIXES)}),"
+    with open_npz(path, wanted) as npz:
+        if set(REQUIRED) - {"garment_vertices"} <= set(npz.names):
+            return _of_clip(clip_of(npz, path), path, kind)
+        missing = [name for name in names if name not in npz]
+        if missing:
+            raise InputError(f"{path}: lacks {' and '.join(missing)}; a {kind} in motion needs both")
+        shape = npz.shape(names[1])
+        if len(shape) != 3 or shape[0] == 0 or shape[2] != 3:
+            raise InputError(f"{path}: {names[1]} must have shape (frames, vertices, 3), found {shape}")
+        faces, vertices = (npz.read(name) for name in names)
     check_faces(faces, vertices.shape[1], f"{path}: {names[0]}")
     check_finite(vertices, f"{path}: {names[1]}")
-    return Moving(faces, vertices)
+    return Moving(plain(faces, whole=True), plain(vertices, whole=False))
+
+
+def _of_clip(clip: Clip, path: Path, kind: Kind) -> Moving:
+    vertices = clip.body_vertices if kind == "body" else clip.garment_vertices
+    if vertices is None:
+        raise InputError(f"{path}: this clip has no garment_vertices, only a body")
+    return Moving(clip.body_faces if kind == "body" else clip.garment_faces, vertices, clip)
 
 
 def load_pins(path: Path) -> Pins:
@@ -124,25 +126,31 @@ def load_pins(path: Path) -> Pins:
     Raises:
         InputError: no such file, or nothing usable in it.
     """
-    check_regular(path, "an npz with indices, or a text file of vertex numbers,")
+    wanted = "an npz with indices, or a text file of vertex numbers,"
+    check_regular(path, wanted)
     if path.suffix.lower() != ".npz":
         return Pins(_numbers(path), source=str(path))
-    found = _arrays(path)
-    if "indices" not in found:
-        raise InputError(f"{path}: lacks indices, the numbers of the pinned vertices, counted from 0")
-    indices, positions = found["indices"], found.get("positions")
-    if indices.ndim != 1 or indices.dtype.kind not in "iu":
-        raise InputError(f"{path}: indices must be whole numbers (P,), found {indices.dtype} {indices.shape}")
-    if positions is not None:
-        if positions.ndim not in (2, 3) or positions.shape[-2:] != (len(indices), 3):
-            raise InputError(
-                f"{path}: positions must have shape ({len(indices)}, 3) or (frames, {len(indices)}, 3), "
-                f"found {positions.shape}"
-            )
-        check_finite(positions, f"{path}: positions")
-    if len(indices) and not 0 <= int(indices.min()) <= int(indices.max()) < _MOST:
-        wrong = next(int(index) for index in indices if not 0 <= int(index) < _MOST)
-        raise InputError(f"{path}: indices are vertex numbers from 0, found {wrong}")
+    positions = None
+    with open_npz(path, wanted) as npz:
+        if "indices" not in npz:
+            raise InputError(f"{path}: lacks indices, the numbers of the pinned vertices, counted from 0")
+        shape, dtype = npz.shape("indices"), npz.dtype("indices")
+        if len(shape) != 1 or dtype.kind not in "iu":
+            raise InputError(f"{path}: indices must be whole numbers (P,), found {dtype} {shape}")
+        indices = npz.read("indices")
+        if "positions" in npz:
+            placed = npz.shape("positions")
+            if placed[-2:] != (len(indices), 3) or len(placed) not in (2, 3):
+                raise InputError(
+                    f"{path}: positions must have shape ({len(indices)}, 3) or (frames, {len(indices)}, 3), "
+                    f"found {placed}"
+                )
+            positions = npz.read("positions")
+            check_finite(positions, f"{path}: positions")
+            positions = plain(positions, whole=False)
+    wrong = indices[(indices < 0) | (indices >= _MOST)]
+    if len(wrong):
+        raise InputError(f"{path}: indices are vertex numbers from 0, found {wrong[0]}")
     return Pins(indices.astype(np.int64), positions, str(path))
 
 
@@ -159,14 +167,6 @@ def _from_meshes(folder: Path) -> Moving:
                 f"those of {first.source}, {len(first.vertices)} and {len(first.faces)}, in the same order"
             )
     return Moving(first.faces, np.stack([mesh.vertices for mesh in meshes]).astype(np.float32))
-
-
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
 
 
 def _numbers(path: Path) -> np.ndarray:

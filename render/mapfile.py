@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +17,7 @@ from render.files import written_whole
 from render.imager import TemplateImager
 from render.limits import FARTHEST, check_rate, check_rotations
 from render.mesh import Mesh, check_finite
+from render.npz import open_npz
 
 FORMAT, FORMAT_VERSION = "imgtransfer-maps", 3
 HEAVIEST = 1e6  # of a pixel's confidence, where 1 is as usual
@@ -272,10 +271,6 @@ def load_maps(path: Path | str) -> MapFile:
 
 
 def _load_npz(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: not a readable npz file ({error}); make it again") from error
+    known = {field.name for field in fields(MapFile)} | {"format", "format_version"}
+    with open_npz(path, "an npz of maps, or a folder of EXR images,") as npz:
+        return {name: npz.read(name) for name in npz.names if name in known}

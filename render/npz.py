@@ -77,20 +77,9 @@ class Npz:
         Raises:
             InputError: no such array, a damaged one, one of Python objects, or more than the memory that is free.
         """
-        header = self._header(name)
-        free = available_bytes()
-        if free is not None and header.bytes > free:
-            raise InputError(
-                f"{self._path}: {name} of shape {header.shape} needs {header.bytes / 2**30:.1f} GiB of memory, "
-                f"and {free / 2**30:.1f} GiB are free"
-            )
+        self._header(name)  # compares sizes
         with self._member(name) as file:
-            self._skip_header(file)
-            values = np.empty(math.prod(header.shape), header.dtype)
-            self._fill(file, values)
-            if file.read(1):
-                raise ValueError("more bytes than its shape says")
-            return values.reshape(header.shape, order="F" if header.fortran else "C")
+            return self._rest(file, self._skip_header(file), f"{self._path}: {name}")
 
     def rows(self, name: str, count: int) -> Iterator[np.ndarray]:
         """An array of at least one axis, `count` rows of its first axis at a time; the last part may be shorter.
@@ -143,6 +132,21 @@ class Npz:
         if header.dtype.itemsize == 0 or any(not 0 <= n <= _LARGEST_AXIS for n in header.shape):
             raise ValueError(f"shape {header.shape} of {header.dtype.itemsize} bytes each")
         return header
+
+    @classmethod
+    def _rest(cls, file: IO[bytes], header: _Header, source: str) -> np.ndarray:
+        """The array behind a header; `source` is what the message calls it where the memory is too small."""
+        free = available_bytes()
+        if free is not None and header.bytes > free:
+            raise InputError(
+                f"{source} of shape {header.shape} needs {header.bytes / 2**30:.1f} GiB of memory, "
+                f"and {free / 2**30:.1f} GiB are free"
+            )
+        values = np.empty(math.prod(header.shape), header.dtype)
+        cls._fill(file, values)
+        if file.read(1):
+            raise ValueError("more bytes than its shape says")
+        return values.reshape(header.shape, order="F" if header.fortran else "C")
 
     @staticmethod
     def _fill(file: IO[bytes], values: np.ndarray) -> None:
@@ -200,6 +204,28 @@ def read_npz(path: Path | str, what: str = "an npz of plain arrays") -> dict[str
     """
     with open_npz(path, what) as npz:
         return {name: npz.read(name) for name in npz.names}
+
+
+def read_npy(path: Path | str, what: str = "an npy file of one plain array") -> np.ndarray:
+    """The array of an npy file.
+
+    Raises:
+        InputError: no such file, no regular one, a damaged one, or more than the memory that is free.
+    """
+    path = Path(path)
+    check_regular(path, what)
+    try:
+        with path.open("rb") as file:
+            header = Npz._skip_header(file)
+            stored = path.stat().st_size - file.tell()
+            if header.bytes != stored:
+                raise ValueError(f"{header.bytes} bytes by its header, and {stored} are there")
+            return Npz._rest(file, header, f"{path}: an array")
+    except InputError:
+        raise
+    except _FAULTS as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: not a readable npy array ({reason}); {what} is wanted") from error
 
 
 def available_bytes() -> int | None:

@@ -18,6 +18,7 @@ from imgtransfer.bodies.retarget import BONES, bone_rotations
 from imgtransfer.bodies.shape import AnnyShape, corner_weights
 from imgtransfer.bodies.skinned import BonePoses, SkinnedBody
 from imgtransfer.bodies.smpl import HIP_MIDDLE, INDEX, global_rotations
+from render.npz import read_npz
 
 BODY_FILE, SHAPES_FILE = "anny_body.npz", "anny_shapes.npz"
 
@@ -110,5 +111,5 @@ def _displacement(shape: AnnyShape) -> np.ndarray:
 
 @cache
 def _arrays(name: str) -> dict[str, np.ndarray]:
-    with as_file(files("imgtransfer.bodies") / name) as path, np.load(path, allow_pickle=False) as stored:
-        return {key: stored[key] for key in stored.files}
+    with as_file(files("imgtransfer.bodies") / name) as path:
+        return read_npz(path)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
+from imgtransfer.cli.machine import number_types, threads, vector_units
 from render import InputError
 
 OPTIONAL = {  # what for, and the extra of this project that installs it
@@ -30,11 +30,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser = subparsers.add_parser(
         "doctor",
         help="report what works on this machine",
-        description="GL, PyTorch, Warp, optional parts, versions. Exit status 0 when it can be used.",
-        examples=(
-            "imgtransfer doctor",
-            "imgtransfer doctor > machine.txt",
-        ),
+        description="GL, PyTorch, what the processor does well (vector units, number types, threads), Warp, optional "
+        "parts, versions. Exit status 0 when it can be used.",
+        examples=("imgtransfer doctor", "imgtransfer doctor > machine.txt"),
     )
     return parser
 
@@ -46,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
         InputError: something without which nothing works is missing.
     """
     del args
-    print(f"{'python':10} {platform.python_version()} on {platform.system()}, {_cores()} cores")
+    print(f"{'python':10} {platform.python_version()} on {platform.system()}")
     broken = [part() for part in (_gl, _torch, _warp)]
     for package, (use, extra) in OPTIONAL.items():
         missing = f"missing: {use}; in the project's folder: pip install -c constraints.txt -e '.[{extra}]'"
@@ -57,11 +55,6 @@ def run(args: argparse.Namespace) -> None:
     if problems:
         raise InputError("doctor: " + "; ".join(problems))
     print("ready")
-
-
-def _cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _version(package: str) -> str | None:
@@ -93,7 +86,10 @@ def _torch() -> str | None:
         length = float(torch.linalg.vector_norm(torch.tensor([3.0, 4.0], device=device.split(maxsplit=1)[0])))
     except (ImportError, OSError, RuntimeError) as error:
         return f"PyTorch does not work ({error}); run scripts/test, which installs it"
-    print(f"{'torch':10} {torch.__version__} on {device}, {torch.get_num_threads()} threads")
+    print(f"{'torch':10} {torch.__version__} on {device}")
+    print(f"{'vectors':10} {vector_units()}")
+    print(f"{'bfloat16':10} {number_types()}")
+    print(f"{'threads':10} {threads()}")
     return None if length == 5.0 else f"PyTorch computes |(3, 4)| = {length}; reinstall it"
 
 

@@ -118,21 +118,16 @@ def _predictions(args: argparse.Namespace, refs: Mapping[str, ClipRef]) -> Pairs
 
 def _predicted_vertices(file: Path) -> np.ndarray:
     """The garment vertices (T, N, 3) of a clip npz, or of any npz that has them."""
-    import zipfile  # noqa: PLC0415
-
-    import numpy as np  # noqa: PLC0415
-
     from render.mesh import check_finite  # noqa: PLC0415
+    from render.npz import open_npz  # noqa: PLC0415
 
-    try:
-        with np.load(file, allow_pickle=False) as stored:
-            vertices = stored["garment_vertices"] if "garment_vertices" in stored.files else None
-    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{file}: not a readable npz of plain arrays ({error})") from error
-    if vertices is None or vertices.ndim != 3 or vertices.shape[2] != 3:
-        raise InputError(
-            f"{file}: predicts nothing; garment_vertices of shape (frames, vertices, 3) are wanted"
-        )
+    with open_npz(file, "a clip npz with predicted garment_vertices") as npz:
+        shape = npz.shape("garment_vertices") if "garment_vertices" in npz else ()
+        if len(shape) != 3 or shape[2] != 3:
+            raise InputError(
+                f"{file}: predicts nothing; garment_vertices of shape (frames, vertices, 3) are wanted"
+            )
+        vertices = npz.read("garment_vertices")
     check_finite(vertices, f"{file}: garment_vertices")
     return vertices
 

@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> None:
     data = DataSet.open_or_create(args.to, title=args.title, licence=args.licence, source=args.origin)
     kept = run_jobs(found, data, options)
     for job in found:
-        print(f"{job.name}  {data.clip_attributes(job.name)['frames']} frames  {job.split}")
+        print(f"{job.name}  {data.clip_attributes(job.name).frames} frames  {job.split}")
     already = f" ({kept} there already)" if kept else ""
     print(f"done     {len(found)} clips{already} in {args.to}")
     print(f"next     imgtransfer inspect {quote(str(args.to))}")

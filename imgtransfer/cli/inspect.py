@@ -181,13 +181,12 @@ def _coverage(clips: Iterable[Clip], args: argparse.Namespace) -> None:
 
 
 def _is_map_file(source: Path) -> bool:
-    import zipfile  # noqa: PLC0415
+    from render.npz import open_npz  # noqa: PLC0415
 
-    return (
-        source.suffix == ".npz"
-        and zipfile.is_zipfile(source)
-        and "view_matrices.npy" in zipfile.ZipFile(source).namelist()
-    )
+    if source.suffix != ".npz" or source.is_dir():
+        return False
+    with open_npz(source, "a clip or maps") as npz:
+        return "view_matrices" in npz
 
 
 def _maps(source: Path) -> None:

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from imgtransfer.cli.parser import Parser
+from imgtransfer.waiting import wait_passively
 from render import InputError
 
 # One module a command. Each has `add_parser(subparsers) -> ArgumentParser` and `run(args) -> None`, and
@@ -52,6 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser().parse_args(argv)
         args.run(args)
 
+    wait_passively()
     return exit_status(command, program="imgtransfer", stopped="stopped")
 
 

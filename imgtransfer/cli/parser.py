@@ -19,7 +19,7 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, *args: Any, examples: Sequence[str] = (), **kwargs: Any) -> None:
-        super().__init__(*args, allow_abbrev=False, formatter_class=_Formatter, **kwargs)
+        super().__init__(*args, **{**kwargs, "allow_abbrev": False, "formatter_class": _Formatter})
         self.examples = tuple(examples)
         if examples:
             self.epilog = "\n".join(("examples:", *(f"  {line}" for line in examples)))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from imgtransfer.data.clip_checks import INDICES, check_arrays, plain
 from render import InputError, Mesh
 from render.files import written_whole
 from render.limits import ANGLES, FARTHEST, check_rate
 from render.mesh import check_faces, check_finite
+from render.npz import Npz, open_npz
 from render.surface import Surface
 
 REQUIRED = (
@@ -25,12 +26,10 @@ REQUIRED = (
 )
 SKINNING = ("poses", "trans", "joints_rest", "parents", "blend_weights", "joint_transforms")
 SURFACE = ("original_faces", "original_vertices", "uvs", "uv_faces", "face_materials")
-FLOATS = tuple(
-    name for name in (*REQUIRED, *SKINNING) if name not in ("garment_faces", "body_faces", "fps", "parents")
-)
-
-
-_LIMITS = {"poses": (ANGLES, "rad"), "blend_weights": (10.0, "")}  # those that are no positions
+STORED = (*REQUIRED[:-1], *SKINNING, *SURFACE)  # every array of a clip
+FLOATS = tuple(name for name in STORED if name not in INDICES)
+_LONGEST_TEXT = 1 << 24  # bytes; a material library is the longest that anyone has
+_LIMITS = {"poses": (ANGLES, "rad"), "blend_weights": (10.0, ""), "uvs": (FARTHEST, "")}  # no positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +83,17 @@ class Clip:
     name: str = "clip"
 
     def __post_init__(self) -> None:
-        self._check_shapes()
-        check_faces(self.garment_faces, len(self.template_vertices), f"{self.name}: garment_faces")
-        check_faces(self.body_faces, len(self.body_rest), f"{self.name}: body_faces")
+        arrays = {key: np.asarray(getattr(self, key)) for key in STORED if getattr(self, key) is not None}
+        check_arrays({key: (values.shape, values.dtype) for key, values in arrays.items()}, self.name)
+        check_faces(arrays["garment_faces"], len(self.template_vertices), f"{self.name}: garment_faces")
+        check_faces(arrays["body_faces"], len(self.body_rest), f"{self.name}: body_faces")
         for key in FLOATS:
-            if getattr(self, key) is not None:
+            if key in arrays:
                 limit, unit = _LIMITS.get(key, (FARTHEST, "m"))
-                check_finite(getattr(self, key), f"{self.name}: {key}", limit=limit, unit=unit)
-        if self.parents is not None and (self.parents.dtype.kind not in "iu" or (self.parents < -1).any()):
+                check_finite(arrays[key], f"{self.name}: {key}", limit=limit, unit=unit)
+        for key, values in arrays.items():
+            object.__setattr__(self, key, plain(values, whole=key in INDICES))
+        if self.parents is not None and (self.parents < -1).any():
             raise InputError(f"{self.name}: parents must be indices of joints, -1 for the root")
         if (self.original_faces is None) != (self.original_vertices is None):
             raise InputError(f"{self.name}: original_faces and original_vertices come together")
@@ -108,32 +110,6 @@ class Clip:
                     "the body; a rotation is wanted in its first three columns"
                 )
         check_rate(self.fps, self.name)
-
-    def _check_shapes(self) -> None:
-        frames = len(self.body_vertices)
-        if frames == 0:
-            raise InputError(f"{self.name}: body_vertices has no frames")
-        wanted: dict[str, tuple[int | None, ...]] = {
-            "template_vertices": (None, 3),
-            "garment_vertices": (frames, len(self.template_vertices), 3),
-            "body_rest": (None, 3),
-            "body_vertices": (frames, len(self.body_rest), 3),
-            "poses": (frames, None, 3),
-            "trans": (frames, 3),
-            "joints_rest": (None, 3),
-            "parents": (None,),
-            "blend_weights": (len(self.body_rest), None),
-            "joint_transforms": (frames, None, 3, 4),
-        }
-        for key, shape in wanted.items():
-            value = getattr(self, key)
-            if value is None:
-                continue
-            if value.ndim != len(shape) or any(
-                w not in (None, n) for n, w in zip(value.shape, shape, strict=True)
-            ):
-                expected = "(" + ", ".join("any" if w is None else str(w) for w in shape) + ")"
-                raise InputError(f"{self.name}: {key} must have shape {expected}, found {value.shape}")
 
     @property
     def n_frames(self) -> int:
@@ -199,35 +175,58 @@ def load_clip(path: str | Path) -> Clip:
         InputError: the file is missing, is no npz, lacks a required array, or holds arrays that do not fit.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; a clip npz is wanted (keys: {', '.join(REQUIRED)})")
+    with open_npz(path, f"a clip npz (keys: {', '.join(REQUIRED)})") as npz:
+        return clip_of(npz, path)
+
+
+def clip_of(npz: Npz, path: Path) -> Clip:
+    """The clip in an open npz file.
+
+    Raises:
+        InputError: as `load_clip`.
+    """
+    present = check_clip_npz(npz, path)
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {key: stored[key] for key in stored.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
-    missing = [key for key in REQUIRED if key not in arrays and key != "garment_vertices"]
+        return Clip(
+            **{key: npz.read(key) if key in present else None for key in STORED},  # type: ignore[arg-type]
+            fps=float(npz.read("fps").reshape(())),
+            info=_texts(npz),
+            name=path.stem,
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {str(error).removeprefix(f'{path.stem}: ')}") from error
+
+
+def check_clip_npz(npz: Npz, path: Path) -> list[str]:
+    """The arrays of a clip that an open npz holds; their data are not read.
+
+    Raises:
+        InputError: a required array is lacking, or shapes and types that do not fit.
+    """
+    missing = [key for key in REQUIRED if key not in npz and key != "garment_vertices"]
     if missing:
         raise InputError(f"{path}: lacks {', '.join(missing)}; a clip npz holds {', '.join(REQUIRED)}")
-    info = {key: str(value) for key, value in arrays.items() if value.dtype.kind == "U" and value.ndim == 0}
-    fps = arrays["fps"]
-    if fps.size != 1 or fps.dtype.kind not in "fiu":
-        raise InputError(f"{path}: fps must be one number, found {fps.dtype} of shape {fps.shape}")
-    return Clip(
-        **{key: arrays.get(key) for key in (*REQUIRED[:-1], *SKINNING, *SURFACE)},  # type: ignore[arg-type]
-        fps=float(fps.reshape(())),
-        info=info,
-        name=path.stem,
-    )
+    present = [key for key in STORED if key in npz]
+    check_arrays({key: (npz.shape(key), npz.dtype(key)) for key in present}, str(path))
+    shape, dtype = npz.shape("fps"), npz.dtype("fps")
+    if any(length != 1 for length in shape) or dtype.kind not in "fiu":
+        raise InputError(f"{path}: fps must be one number, found {dtype} of shape {shape}")
+    return present
+
+
+def _texts(npz: Npz) -> dict[str, str]:
+    """The single texts of an npz, by name."""
+    texts = [name for name in npz.names if name not in STORED and npz.shape(name) == ()]
+    return {
+        name: str(npz.read(name))
+        for name in texts
+        if npz.dtype(name).kind == "U" and npz.dtype(name).itemsize <= _LONGEST_TEXT
+    }
 
 
 def save_clip(path: str | Path, clip: Clip) -> Path:
     """Write a clip npz; the file appears whole or not at all."""
-    arrays = {
-        key: getattr(clip, key)
-        for key in (*REQUIRED[:-1], *SKINNING, *SURFACE)
-        if getattr(clip, key) is not None
-    }
+    arrays = {key: getattr(clip, key) for key in STORED if getattr(clip, key) is not None}
     with written_whole(Path(path)) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,

@@ -16,8 +16,9 @@ from typing import Any
 from zarr.abc.store import Store
 from zarr.storage import LocalStore
 
-from imgtransfer.data.place import METADATA, group_metadata
-from render.files import written_whole
+from imgtransfer.data.place import METADATA, METADATA_LIMIT, group_metadata
+from render import InputError
+from render.files import check_regular, written_whole
 
 _YOUNG, _OLD = 60.0, 86400.0  # seconds
 
@@ -28,11 +29,23 @@ class LocalPlace:
 
     root: Path
 
-    def read(self, key: str) -> bytes:
-        return (self.root / key).read_bytes()
+    def read(self, key: str, limit: int = METADATA_LIMIT) -> bytes:
+        path = self.root / key
+        size = path.stat().st_size  # or OSError
+        check_regular(path, "a file of a data set")
+        if size > limit:
+            raise InputError(f"{path}: {size} bytes, where at most {limit} are wanted; the store is damaged")
+        with path.open("rb") as file:
+            return file.read(limit)
 
-    def read_many(self, keys: Sequence[str]) -> list[bytes]:
-        return [self.read(key) for key in keys]
+    def read_many(self, keys: Sequence[str], limit: int = METADATA_LIMIT) -> list[bytes | None]:
+        return [self._read_if_there(key, limit) for key in keys]
+
+    def _read_if_there(self, key: str, limit: int) -> bytes | None:
+        try:
+            return self.read(key, limit)
+        except (FileNotFoundError, NotADirectoryError):
+            return None
 
     def write(self, key: str, content: bytes) -> None:
         with written_whole(self.root / key) as temporary:

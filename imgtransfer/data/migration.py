@@ -29,9 +29,7 @@ def migrate(path: str | Path, progress: Callable[[list[str]], Iterable[str]] = i
     """
     old = DataSet.open(path)
     before = int(old.attributes["schema_version"])
-    left = [
-        name for name in old.names() if old.clip_attributes(name).get("schema_version", 1) != SCHEMA_VERSION
-    ]
+    left = [name for name in old.names() if old.clip_attributes(name).schema_version != SCHEMA_VERSION]
     new = replace(old, attributes=old.attributes | {"schema_version": SCHEMA_VERSION})
     for name in progress(left):
         new.write(name, old.read(name), split=old.split(name))

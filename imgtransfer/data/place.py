@@ -12,17 +12,23 @@ from typing import Any, Protocol
 from zarr.abc.store import Store
 
 METADATA = "zarr.json"  # of a group; a clip stands once this file of its group does
+METADATA_LIMIT = 16 << 20  # bytes
 
 
 class Place(Protocol):
     """What a data set needs of its storage; keys are paths below its root, separated by "/"."""
 
-    def read(self, key: str) -> bytes:
-        """The content of a file. Raises OSError where there is none."""
+    def read(self, key: str, limit: int = METADATA_LIMIT) -> bytes:
+        """The content of a file. Raises OSError where there is none, InputError where it cannot be had (see below)."""
         ...
 
-    def read_many(self, keys: Sequence[str]) -> list[bytes]:
-        """The contents of files, fetched at once where that is faster. Raises OSError where one is missing."""
+    def read_many(self, keys: Sequence[str], limit: int = METADATA_LIMIT) -> list[bytes | None]:
+        """The contents of files, fetched at once where that is faster; None for a file that is missing.
+
+        Raises:
+            InputError: what is there is no regular file, or larger than `limit` bytes; or a server that refuses,
+                sends something else than it says, or does not answer in time. The message names the file.
+        """
         ...
 
     def write(self, key: str, content: bytes) -> None:
@@ -46,7 +52,7 @@ class Place(Protocol):
         ...
 
     def store(self, key: str) -> Store:
-        """The Zarr store rooted at a folder."""
+        """The Zarr store rooted at a folder, to write to."""
         ...
 
     def remove(self, key: str) -> None:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from imgtransfer.data.arrays import StoredArray
-from imgtransfer.data.clip import Clip, load_clip
+from imgtransfer.data.clip import Clip, check_clip_npz, load_clip
+from imgtransfer.data.clip_checks import check_arrays
+from imgtransfer.data.metadata import ClipAttributes, read_arrays
 from imgtransfer.data.place import METADATA, Place
 from imgtransfer.data.schema import ARRAYS, NEVER_ZERO, PER_FRAME, REQUIRED_ARRAYS
 from render import InputError
+from render.npz import open_npz
 
 
 class Reader(Protocol):
@@ -74,12 +76,9 @@ class NpzReader:
 
     @cached_property
     def n_frames(self) -> int:
-        try:  # the shape stands at the head of the array
-            with zipfile.ZipFile(self.path) as archive, archive.open("body_vertices.npy") as file:
-                np.lib.format.read_magic(file)
-                return int(np.lib.format.read_array_header_1_0(file)[0][0])
-        except (OSError, KeyError, ValueError, IndexError, zipfile.BadZipFile):
-            return load_clip(self.path).n_frames  # or it says what is wrong
+        with open_npz(self.path, "a clip npz") as npz:  # the shape stands at the head of the array
+            check_clip_npz(npz, self.path)
+            return npz.shape("body_vertices")[0]
 
     @property
     def frames_per_chunk(self) -> int:
@@ -97,16 +96,19 @@ class StoredReader:
         place: of the data set; where: its path or URL, for messages.
         name: the clip's.
         attributes: the clip's, from its group.
+
+    Raises:
+        InputError: by every method: something of the clip is missing or damaged.
     """
 
     place: Place
     where: str
     name: str
-    attributes: dict[str, Any]
+    attributes: ClipAttributes
 
     @property
     def n_frames(self) -> int:
-        return int(self.attributes["frames"])
+        return self.attributes.frames
 
     @property
     def frames_per_chunk(self) -> int:
@@ -115,9 +117,8 @@ class StoredReader:
     @cached_property
     def keys(self) -> tuple[str, ...]:
         """Names of the clip's arrays. Version 1 did not list them, so they are looked for."""
-        listed = self.attributes.get("arrays")
-        if listed is not None:
-            return tuple(listed)
+        if self.attributes.arrays is not None:
+            return tuple(self.attributes.arrays)
         return tuple(key for key in ARRAYS if self.place.exists(f"{self.name}/{key}/{METADATA}"))
 
     def clip(self, start: int = 0, stop: int | None = None) -> Clip:
@@ -130,24 +131,38 @@ class StoredReader:
         values = {
             key: self._read(key, start, stop) if key in PER_FRAME else self._static[key] for key in self.keys
         }
-        return Clip(
-            **{key: values.get(key) for key in ARRAYS},  # type: ignore[arg-type]
-            fps=float(self.attributes["fps"]),
-            info=dict(self.attributes["info"]),
-            name=self.name,
-        )
+        try:
+            return Clip(
+                **{key: values.get(key) for key in ARRAYS},  # type: ignore[arg-type]
+                fps=self.attributes.fps,
+                info=dict(self.attributes.info),
+                name=self.name,
+            )
+        except InputError as error:
+            raise InputError(f"{self.where}: clip {error}") from error
 
     @cached_property
     def _arrays(self) -> dict[str, StoredArray]:
+        """The clip's arrays, of which the metadata are known to fit each other and the clip's."""
         missing = [key for key in REQUIRED_ARRAYS if key not in self.keys]
         if missing:
             raise InputError(f"{self._whole_name} lacks {', '.join(missing)}; write it again")
-        found = {}
-        for key in self.keys:
-            try:
-                found[key] = StoredArray(self.place.store(f"{self.name}/{key}"))
-            except (ValueError, OSError, KeyError, TypeError) as error:
-                raise self._damaged(key, error) from error
+        folders = [f"{self.name}/{key}" for key in self.keys]
+        try:
+            described = read_arrays(self.place, folders, self.where)
+        except InputError as error:
+            raise InputError(f"{self._whole_name} cannot be read: {error}") from error
+        found = {
+            key: StoredArray(self.place, folder, metadata)
+            for key, folder, metadata in zip(self.keys, folders, described, strict=True)
+        }
+        for key in PER_FRAME:
+            if key in found and found[key].shape[0] != self.n_frames:
+                raise InputError(
+                    f"{self.where}/{self.name}/{METADATA}: frames is {self.n_frames}, but {key} has "
+                    f"{found[key].shape[0]}; write the clip again, or restore it from a copy"
+                )
+        check_arrays({key: (array.shape, array.dtype) for key, array in found.items()}, self._whole_name)
         return found
 
     @cached_property
@@ -158,7 +173,9 @@ class StoredReader:
         array = self._arrays[key]
         try:
             values = array.read(start, stop)
-        except (ValueError, OSError, KeyError, TypeError, RuntimeError) as error:
+        except InputError as error:
+            raise InputError(f"{self._whole_name} cannot be read: {error}") from error
+        except Exception as error:  # a damaged chunk makes decoders raise whatever they meet
             raise self._damaged(key, error) from error
         # Version 1 did not tell lost chunks from zeros; a mesh has no frame of zeros.
         if key in NEVER_ZERO:

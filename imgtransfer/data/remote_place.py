@@ -13,7 +13,7 @@ from fsspec.implementations.asyn_wrapper import AsyncFileSystemWrapper  # type: 
 from zarr.abc.store import Store
 from zarr.storage import FsspecStore
 
-from imgtransfer.data.place import METADATA, group_metadata
+from imgtransfer.data.place import METADATA, METADATA_LIMIT, group_metadata
 from render import InputError
 
 
@@ -35,6 +35,8 @@ class RemotePlace:
             InputError: a URL of a kind that fsspec does not know, or whose package is missing.
         """
         try:
+            if _is_web(url):
+                _read_web_servers_with_limits()
             filesystem, root = fsspec.url_to_fs(url, use_listings_cache=False)
         except (ImportError, ValueError) as error:
             raise InputError(f"{url}: cannot be reached ({error})") from error
@@ -43,40 +45,76 @@ class RemotePlace:
     def _path(self, key: str) -> str:
         return f"{self.root}/{key}" if key else self.root
 
-    def read(self, key: str) -> bytes:
-        return self.filesystem.cat_file(self._path(key))
+    @contextmanager
+    def _reached(self, key: str = "") -> Iterator[None]:
+        """What goes wrong within is an InputError with the true reason, except that a file is not there."""
+        try:
+            yield
+        except (FileNotFoundError, InputError):
+            raise
+        except Exception as error:  # each kind of storage has its own, for credentials, names and networks
+            where = f"{self.url}/{key}" if key else self.url
+            raise InputError(f"{where}: cannot be read ({self._reason(error)})") from error
 
-    def read_many(self, keys: Sequence[str]) -> list[bytes]:
+    def _reason(self, error: Exception) -> str:
+        if _is_web(self.url):
+            from imgtransfer.data.http_files import reason  # noqa: PLC0415
+
+            return reason(error)
+        return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+    def read(self, key: str, limit: int = METADATA_LIMIT) -> bytes:
+        (content,) = self.read_many([key], limit)
+        if content is None:
+            raise FileNotFoundError(f"{self.url}/{key}")
+        return content
+
+    def read_many(self, keys: Sequence[str], limit: int = METADATA_LIMIT) -> list[bytes | None]:
         paths = [self._path(key) for key in keys]
-        found = self.filesystem.cat(paths) if paths else {}
-        return [found[path] for path in paths]
+        limited = {"limit": limit} if self.url.startswith("http") else {}
+        found: dict[str, bytes | Exception] = {}
+        if paths:
+            with self._reached():
+                found = self.filesystem.cat(paths, on_error="return", **limited)
+        return [self._content(key, found[path], limit) for key, path in zip(keys, paths, strict=True)]
+
+    def _content(self, key: str, found: bytes | Exception, limit: int) -> bytes | None:
+        with self._reached(key):
+            if isinstance(found, FileNotFoundError):
+                return None
+            if isinstance(found, Exception):
+                raise found
+        if len(found) > limit:
+            raise InputError(f"{self.url}/{key}: {len(found)} bytes, where at most {limit} are wanted")
+        return found
 
     def write(self, key: str, content: bytes) -> None:
         self._check_writable()
-        self.filesystem.pipe_file(self._path(key), content)
+        with self._reached(key):
+            self.filesystem.pipe_file(self._path(key), content)
 
     def exists(self, key: str) -> bool:
-        try:
+        with self._reached(key):
             return bool(self.filesystem.isfile(self._path(key)))
-        except Exception as error:  # each kind of storage has its own, for credentials, names and networks
-            raise InputError(f"{self.url}: cannot be reached ({type(error).__name__}: {error})") from error
 
     def empty(self) -> bool:
-        try:
-            return not self.filesystem.ls(self.root, detail=False)
-        except FileNotFoundError:
-            return True
+        return not self._listing("")
 
     def groups(self, depth: int) -> list[str]:
-        found = self.filesystem.glob(self._path("*/" * depth + METADATA))
+        with self._reached():
+            found = self.filesystem.glob(self._path("*/" * depth + METADATA))
         return sorted("/".join(path.split("/")[-depth - 1 : -1]) for path in found)
 
     def files(self, folder: str) -> list[str]:
+        entries = self._listing(folder)
+        return sorted(entry["name"].rsplit("/", 1)[-1] for entry in entries if entry["type"] == "file")
+
+    def _listing(self, folder: str) -> list[dict[str, Any]]:
         try:
-            entries = self.filesystem.ls(self._path(folder), detail=True)
+            with self._reached(folder):
+                return self.filesystem.ls(self._path(folder), detail=True)
         except FileNotFoundError:
             return []
-        return sorted(entry["name"].rsplit("/", 1)[-1] for entry in entries if entry["type"] == "file")
 
     def store(self, key: str) -> Store:
         # In threads rather than on Zarr's event loop, on which chains such as simplecache::https:// do not work.
@@ -100,7 +138,23 @@ class RemotePlace:
             raise
 
     def _check_writable(self) -> None:
-        if re.search(r"(^|::)https?:", self.url):
+        if _is_web(self.url):
             raise InputError(
                 f"{self.url}: web servers can only be read; write to a folder or to object storage"
             )
+
+
+def _is_web(url: str) -> bool:
+    return re.search(r"(^|::)https?:", url) is not None
+
+
+def _read_web_servers_with_limits() -> None:
+    """Have fsspec use `HttpFiles`, also within chains such as simplecache::https://.
+
+    Raises:
+        ImportError: the extra `remote` is missing.
+    """
+    from imgtransfer.data.http_files import HttpFiles  # noqa: PLC0415
+
+    for scheme in ("http", "https"):
+        fsspec.register_implementation(scheme, HttpFiles, clobber=True)

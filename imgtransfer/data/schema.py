@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import re
-from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Any
 
 from imgtransfer.data.clip import SKINNING, SURFACE
-from imgtransfer.data.place import METADATA, Place
 from render import InputError
 
 FORMAT, SCHEMA_VERSION = "imgtransfer-dataset", 2
@@ -29,9 +26,14 @@ NEVER_ZERO = (
 )
 
 
+def is_plain(name: str) -> bool:
+    """Whether a text can be a clip's name: "<garment>/<clip>", nothing that means another folder to a file system."""
+    return re.fullmatch(r"[\w-][\w.-]*/[\w-][\w.-]*", name) is not None
+
+
 def check_name(name: str, split: str) -> None:
     """Raise InputError unless a clip can be stored under this name and in this split."""
-    if not re.fullmatch(r"[\w-][\w.-]*/[\w-][\w.-]*", name):
+    if not is_plain(name):
         raise InputError(f"clip name {name!r}: wanted <garment>/<clip> of letters, digits, '_', '-' and '.'")
     if not split:
         raise InputError(f"clip {name}: it needs a split, such as train or test")
@@ -44,41 +46,15 @@ def versions() -> dict[str, str]:
     }
 
 
-def read_attributes(place: Place, key: str, where: str) -> dict[str, Any]:
-    """Attributes of a group, read as plain JSON so that a damaged file gives one clear line.
-
-    Args:
-        key: of the group, "" for the root. where: path or URL of the data set, for messages.
-    """
-    return read_all_attributes(place, [key], where)[0]
-
-
-def read_all_attributes(place: Place, keys: Sequence[str], where: str) -> list[dict[str, Any]]:
-    """`read_attributes` of many groups, fetched together."""
-    files = [f"{key}/{METADATA}" if key else METADATA for key in keys]
-    try:
-        contents = place.read_many(files)
-    except OSError as error:
-        raise InputError(f"{where}: metadata cannot be read ({error})") from error
-    return [_attributes(content, f"{where}/{file}") for file, content in zip(files, contents, strict=True)]
-
-
-def _attributes(content: bytes, where: str) -> dict[str, Any]:
-    try:
-        return dict(json.loads(content)["attributes"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{where}: not the metadata of a Zarr v3 group ({error})") from error
-
-
 def check_root(attributes: dict[str, Any], where: str) -> None:
     """Raise InputError unless root attributes are those of a data set that this program reads."""
     if attributes.get("format") != FORMAT:
         raise InputError(
-            f"{where}: a Zarr store, but its format is {attributes.get('format')!r}, not {FORMAT!r}"
+            f"{where}: a Zarr store, but its format is {str(attributes.get('format'))[:80]!r}, not {FORMAT!r}"
         )
     found = attributes.get("schema_version")
-    if found not in READABLE:
+    if not (isinstance(found, int) and found in READABLE):
         raise InputError(
-            f"{where}: data set of schema version {found}, but this program reads versions "
+            f"{where}: data set of schema version {str(found)[:80]}, but this program reads versions "
             f"{' and '.join(map(str, READABLE))}; use the version of imgtransfer that wrote it, or a later one"
         )

@@ -11,6 +11,7 @@ import numpy as np
 
 from imgtransfer.data.arrays import write_array
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.metadata import ClipAttributes, Rejection, parsed, read_clips, read_root, validated
 from imgtransfer.data.place import METADATA, Place, group_metadata, place_at
 from imgtransfer.data.reader import StoredReader
 from imgtransfer.data.schema import (
@@ -19,9 +20,7 @@ from imgtransfer.data.schema import (
     PER_FRAME,
     SCHEMA_VERSION,
     check_name,
-    check_root,
-    read_all_attributes,
-    read_attributes,
+    is_plain,
     versions,
 )
 from render import InputError
@@ -87,9 +86,7 @@ class DataSet:
             raise InputError(
                 f"{path}: no data set; wanted is a folder made by `imgtransfer simulate` or `import`"
             )
-        attributes = read_attributes(place, "", str(path))
-        check_root(attributes, str(path))
-        return cls(path, attributes, place)
+        return cls(path, read_root(place, str(path)), place)
 
     @classmethod
     def open_or_create(
@@ -109,32 +106,32 @@ class DataSet:
     def names(self, split: str | None = None) -> list[str]:
         """Names of the clips, "<garment>/<clip>", sorted; only those of `split` where one is given."""
         if split is None:
-            return self.place.groups(2)
+            return self._groups()
         return [name for name, its in self.splits().items() if its == split]
 
     def splits(self) -> dict[str, str]:
         """The split of every clip, by name, sorted."""
-        names = self.place.groups(2)
-        found = read_all_attributes(self.place, names, str(self.path))
-        return {name: str(attributes["split"]) for name, attributes in zip(names, found, strict=True)}
+        names = self._groups()
+        found = read_clips(self.place, names, str(self.path))
+        return {name: attributes.split for name, attributes in zip(names, found, strict=True)}
 
-    def clip_attributes(self, name: str) -> dict[str, Any]:
+    def clip_attributes(self, name: str) -> ClipAttributes:
         """Attributes of one clip, see the class.
 
         Raises:
-            InputError: no such clip; the message lists those there are.
+            InputError: no such clip (the message lists those there are), or damaged metadata.
         """
         if not self.has(name):
             raise InputError(f"{self.path}: no clip {name!r}; it has {', '.join(self.names()) or 'none'}")
-        return read_attributes(self.place, name, str(self.path))
+        return read_clips(self.place, [name], str(self.path))[0]
 
     def has(self, name: str) -> bool:
         """Whether there is such a clip."""
-        return self.place.exists(f"{name}/{METADATA}")
+        return is_plain(name) and self.place.exists(f"{name}/{METADATA}")
 
     def split(self, name: str) -> str:
         """The split that the clip belongs to, such as "train" or "test"."""
-        return str(self.clip_attributes(name)["split"])
+        return self.clip_attributes(name).split
 
     def reader(self, name: str) -> StoredReader:
         """The clip, for reading some of its frames.
@@ -179,15 +176,26 @@ class DataSet:
     def rejected(self) -> dict[str, dict[str, str]]:
         """By name, the `reason` and `made` of the clips that were rejected and not written since."""
         found = {}
-        for file in self.place.files(REJECTED):
-            try:
-                entry = json.loads(self.place.read(f"{REJECTED}/{file}"))
-                name = str(entry.pop("name"))
-            except (ValueError, KeyError, TypeError, AttributeError) as error:
-                raise InputError(f"{self.path}/{REJECTED}/{file}: damaged ({error}); remove it") from error
-            if not self.has(name):
-                found[name] = {key: str(value) for key, value in entry.items()}
+        files = self.place.files(REJECTED)
+        contents = self.place.read_many([f"{REJECTED}/{file}" for file in files])
+        for file, content in zip(files, contents, strict=True):
+            if content is None:
+                continue  # its clip has been written meanwhile
+            where = f"{self.path}/{REJECTED}/{file}"
+            entry = validated(Rejection, parsed(content, where), where)
+            if not self.has(entry.name):
+                found[entry.name] = {"reason": entry.reason, "made": entry.made}
         return found
+
+    def _groups(self) -> list[str]:
+        """Names of the clips. They are shown, and become names of files elsewhere."""
+        names = self.place.groups(2)
+        for name in names:
+            if not is_plain(name):
+                raise InputError(
+                    f"{self.path}: a clip of the name {name!r}; rename its folder to letters, digits, '_', '-' and '.'"
+                )
+        return names
 
     def _write(self, name: str, clip: Clip, split: str) -> None:
         garment = f"{name.partition('/')[0]}/{METADATA}"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from render import InputError
+from render.files import check_regular
+from render.npz import open_npz, read_npy
 
 _LFS = b"version https://git-lfs"
 
@@ -27,8 +28,7 @@ def natural_sort(paths: Iterable[Path]) -> list[Path]:
 
 def check_data_file(path: Path, wanted: str) -> None:
     """Raise InputError where there is no such file, an empty one, or a Git LFS pointer in its place."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; {wanted} is wanted")
+    check_regular(path, wanted)
     with path.open("rb") as file:
         start = file.read(len(_LFS))
     if not start:
@@ -44,16 +44,15 @@ def load_arrays(path: Path, wanted: Iterable[str]) -> dict[str, np.ndarray]:
         InputError: no such file, a damaged one, or an array of `wanted` that it lacks.
     """
     wanted = list(wanted)
-    check_data_file(path, f"an npz with {', '.join(wanted)}")
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {key: stored[key] for key in stored.files}
-    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not a readable npz of plain arrays ({error})") from error
-    missing = [key for key in wanted if key not in arrays]
-    if missing:
-        raise InputError(f"{path}: lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}")
-    return arrays
+    what = f"an npz with {', '.join(wanted)}"
+    check_data_file(path, what)
+    with open_npz(path, what) as npz:
+        missing = [key for key in wanted if key not in npz]
+        if missing:
+            raise InputError(
+                f"{path}: lacks {', '.join(missing)}; it has {', '.join(npz.names) or 'nothing'}"
+            )
+        return {key: npz.read(key) for key in wanted}
 
 
 def load_array(path: Path) -> np.ndarray:
@@ -63,10 +62,7 @@ def load_array(path: Path) -> np.ndarray:
         InputError: no such file, or a damaged one.
     """
     check_data_file(path, "an npy array")
-    try:
-        return np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"{path}: not a readable npy array ({error})") from error
+    return read_npy(path)
 
 
 def check_shape(source: str, name: str, values: object, shape: tuple[int | None, ...]) -> np.ndarray:

@@ -121,7 +121,7 @@ def run_jobs(jobs: Sequence[Job], data: DataSet, options: Options) -> int:
     for job in tqdm(jobs, desc="import", unit="clip", disable=None):
         there = job.name in present and data.split(job.name) == job.split
         mark = {MARK: job.mark(options)} if job.marked else {}
-        if there and mark and data.clip_attributes(job.name)["info"].get(MARK) == mark[MARK]:
+        if there and mark and data.clip_attributes(job.name).info.get(MARK) == mark[MARK]:
             kept += 1
             continue
         try:
@@ -144,7 +144,7 @@ def run_jobs(jobs: Sequence[Job], data: DataSet, options: Options) -> int:
 
 def _same(data: DataSet, name: str, clip: Clip) -> bool:
     """Whether the data set holds this very clip already."""
-    if not data.has(name) or data.clip_attributes(name)["info"] != clip.info:
+    if not data.has(name) or data.clip_attributes(name).info != clip.info:
         return False
     there = data.read(name)
     keys = dict.fromkeys((*FLOATS, *SKINNING, *SURFACE, "garment_faces", "body_faces"))

@@ -37,9 +37,9 @@ def load_amass(path: str | Path, *, fps: float = 30.0, up_axis: UpAxis = "auto")
             does not show which way is up.
     """
     path = Path(path)
-    with open_npz(path, "an AMASS-style npz with poses, trans and mocap_framerate") as stored:
-        wanted = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "leg_length")
-        arrays = {key: stored.read(key) for key in wanted if key in stored}
+    wanted = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "leg_length")
+    with open_npz(path, "an AMASS-style npz with poses, trans and mocap_framerate") as npz:
+        arrays = {key: npz.read(key) for key in wanted if key in npz}
     if "mocap_frame_rate" in arrays:  # the spelling of SMPL-X releases
         arrays.setdefault("mocap_framerate", arrays.pop("mocap_frame_rate"))
     missing = [key for key in ("poses", "trans", "mocap_framerate") if key not in arrays]

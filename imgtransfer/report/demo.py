@@ -1,81 +1,47 @@
-"""What `scripts/demo` runs: the whole method on the sample data, from training to the report."""
+"""What `scripts/demo` does: the whole method on the sample data. The shipped checkpoint's results come first, within a
+minute; then a training of the user's own completes them.
+"""
 
 from __future__ import annotations
 
-import argparse
 import json
-import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 from tqdm import tqdm
 
-from imgtransfer.cli.main import exit_status
-from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import open_clips
-from imgtransfer.deform import Deformation, deform
-from imgtransfer.evaluation.metrics import evaluate_clip, mean_over_frames
+from imgtransfer.deform import deform
 from imgtransfer.evaluation.skinning import lbs_baseline
-from imgtransfer.evaluation.table import metrics_table
+from imgtransfer.network import TransferModel
 from imgtransfer.report import demo_pictures
+from imgtransfer.report.demo_case import METHODS, PRETRAINED, TRAINED, Case, Metrics, measured
+from imgtransfer.report.demo_training import Length, trained
 from imgtransfer.report.glb import animated_glb
 from imgtransfer.report.html import Section, write_report
 from imgtransfer.training.checkpoint import load_model
-from imgtransfer.training.config import RunConfig, load_config
-from imgtransfer.training.loop import CONFIG_FILE, LOG_FILE, train
-from render import InputError, write_png
+from imgtransfer.training.config import RunConfig
+from imgtransfer.training.loop import LOG_FILE
+from render import write_png
 from render.files import written_whole
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLE_DATA = PROJECT / "configs" / "sample_data" / "tshirt.zarr"
 DEMO_CONFIG = PROJECT / "configs" / "demo.yaml"
-PRETRAINED = PROJECT / "configs" / "pretrained" / "model.safetensors"
-METHODS = {
-    "lbs": "the template skinned with the weights of the nearest body vertices",
-    "position_only": "vertices read from the position maps of the model that this demo trained",
-    "fused": "the same model's position and normal maps, fused",
-    "fused_pretrained": "the fusion of the maps of the checkpoint in configs/pretrained, which was trained for longer",
-}
+CHECKPOINT = PROJECT / "configs" / "pretrained" / "model.safetensors"
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """One test clip with what every method makes of it.
-
-    Args:
-        truth: the simulated clip.
-        vertices: by method, (T, N, 3) float32, metres, world.
-        maps: by model ("trained here", "pretrained"), its prediction.
-    """
-
-    truth: Clip
-    vertices: dict[str, np.ndarray] = field(default_factory=dict)
-    maps: dict[str, Deformation] = field(default_factory=dict)
-
-    @property
-    def truth_vertices(self) -> np.ndarray:
-        """(T, N, 3) the simulated garment; InputError for a clip that has only a body."""
-        if self.truth.garment_vertices is None:
-            raise InputError(f"{self.truth.name}: has no garment_vertices to compare with")
-        return self.truth.garment_vertices
-
-    def error_mm(self, method: str) -> np.ndarray:
-        """(T, N) distance of each vertex to the truth, millimetres."""
-        return 1e3 * np.linalg.norm(self.vertices[method] - self.truth_vertices, axis=-1)
-
-
-def run_demo(out: Path, config: RunConfig, pretrained: Path) -> dict[str, dict[str, float]]:
-    """Train, predict, fuse, measure and report.
+def run_demo(out: Path, config: RunConfig, pretrained: Path, length: Length | None = None) -> Metrics:
+    """Predict, fuse, measure and report with a checkpoint; then train, and complete the report with that model.
 
     Args:
         out: folder for everything; a training that was stopped there goes on, a finished one is used again.
         config: of the training; its data source also gives the test clips.
         pretrained: a checkpoint for the same garment.
+        length: of the training, in place of the configuration's.
 
     Returns:
         The metrics by method (`METHODS`), means over the frames of the test clips.
@@ -87,61 +53,44 @@ def run_demo(out: Path, config: RunConfig, pretrained: Path) -> dict[str, dict[s
     longer = load_model(pretrained)
     for case in cases:
         longer.check_garment(case.truth)
-    with _step(f"Training from scratch for {config.training.steps} steps"):
-        trained = load_model(_trained(out / "run", config))
-    with _step("Deforming the test clips"):
+        case.vertices["lbs"] = lbs_baseline(case.truth)
+    _deform(cases, longer, PRETRAINED)
+    for case in cases:
+        case.vertices["fused_pretrained"] = case.maps[PRETRAINED].fused
+    print(f"\nFirst results: {_report(out, cases, finished=False)[1]}", file=sys.stderr, flush=True)
+    with _step("Training from scratch"):
+        model = load_model(trained(out, config, length or Length()))
+    _deform(cases, model, TRAINED)
+    for case in cases:
+        case.vertices["position_only"] = case.maps[TRAINED].position_only
+        case.vertices["fused"] = case.maps[TRAINED].fused
+    return _report(out, cases, finished=True)[0]
+
+
+def _deform(cases: Sequence[Case], model: TransferModel, name: str) -> None:
+    with _step(f"Deforming the test clips, model {name}"):
         frames = sum(case.truth.n_frames for case in cases)
-        with tqdm(total=2 * frames, desc="fuse", unit="frame", file=sys.stderr) as bar:
+        with tqdm(total=frames, desc="fuse", unit="frame", file=sys.stderr) as bar:
             for case in cases:
-                case.vertices["lbs"] = lbs_baseline(case.truth)
-                for name, model in (("trained here", trained), ("pretrained", longer)):
-                    case.maps[name] = deform(model, case.truth, progress=bar.update)
-                case.vertices["position_only"] = case.maps["trained here"].position_only
-                case.vertices["fused"] = case.maps["trained here"].fused
-                case.vertices["fused_pretrained"] = case.maps["pretrained"].fused
-    with _step("Measuring"):
-        by_clip, overall = _measured(cases)
+                case.maps[name] = deform(model, case.truth, progress=bar.update)
+
+
+def _report(out: Path, cases: Sequence[Case], *, finished: bool) -> tuple[Metrics, Path]:
+    """Measure and draw what there is; the metrics and the page."""
+    with _step("Measuring and drawing"):
+        by_clip, overall = measured(cases)
         for name, content in (("metrics", overall), ("metrics_by_clip", by_clip)):
             with written_whole(out / f"{name}.json") as temporary:
                 temporary.write_text(json.dumps(content, indent=2) + "\n")
-    with _step("Drawing"):
-        _report(out, cases, overall)
-    return overall
+        return overall, _page(out, cases, overall, finished)
 
 
-def _trained(folder: Path, config: RunConfig) -> Path:
-    """The model of a run in `folder`: new, gone on with, or finished before. A run of other settings is replaced."""
-    if (folder / CONFIG_FILE).exists() and load_config(folder / CONFIG_FILE) != config:
-        print(f"The run in {folder} had other settings; starting a new one", file=sys.stderr)
-        shutil.rmtree(folder)
-    if folder.exists() and not (folder / "state.safetensors").exists():
-        shutil.rmtree(folder)  # stopped before anything was saved
-    return train(config, folder, resume=folder.exists())
-
-
-def _measured(cases: list[Case]) -> tuple[dict[str, dict], dict[str, dict[str, float]]]:
-    by_clip: dict[str, dict[str, dict[str, float]]] = {}
-    for case in cases:
-        clip = case.truth
-        by_clip[clip.name] = {
-            method: evaluate_clip(
-                case.vertices[method],
-                case.truth_vertices,
-                clip.garment_faces,
-                clip.body_vertices,
-                clip.body_faces,
-            )
-            for method in METHODS
-        }
-    weighted = {m: [(by_clip[case.truth.name][m], case.truth.n_frames) for case in cases] for m in METHODS}
-    return by_clip, {method: mean_over_frames(pairs) for method, pairs in weighted.items()}
-
-
-def _report(out: Path, cases: list[Case], overall: dict[str, dict[str, float]]) -> None:
+def _page(out: Path, cases: Sequence[Case], overall: Metrics, finished: bool) -> Path:
     overview = demo_pictures.overview(cases)
-    maps = [demo_pictures.maps(case, model) for case in cases for model in ("trained here", "pretrained")]
+    models = [name for name in (TRAINED, PRETRAINED) if name in cases[0].maps]
+    maps = [demo_pictures.maps(case, model) for case in cases for model in models]
     meshes = [demo_pictures.meshes(case) for case in cases]
-    curves = demo_pictures.curves(out / "run" / LOG_FILE)
+    curves = demo_pictures.curves(out / "run" / LOG_FILE) if finished else []
     named = {"overview": [overview], "maps": maps, "meshes": meshes, "training": curves}
     for name, pictures in named.items():
         for number, picture in enumerate(pictures, start=1):
@@ -149,14 +98,18 @@ def _report(out: Path, cases: list[Case], overall: dict[str, dict[str, float]]) 
     for case in cases:
         stem = case.truth.name.replace("/", "__")
         animated_glb(out / f"{stem}.glb", case.truth.with_garment(case.vertices["fused_pretrained"]))
+    compared = "\n\n".join(f"{method}: {METHODS[method]}." for method in cases[0].methods)
+    training = "Loss of both networks, and errors on the validation clips."
+    if not finished:
+        training = "The model of your own is being trained; this page is completed when it is done."
     sections = [
         Section("The method in one frame", "", [overview]),
-        Section("What is compared", "\n\n".join(f"{method}: {text}." for method, text in METHODS.items())),
+        Section("What is compared", compared),
         Section("Meshes and their errors", "Distance of each vertex to the simulated garment.", meshes),
         Section("Maps", "True maps, predicted maps, and the distance between them.", maps),
-        Section("Training", "Loss of both networks, and errors on the validation clips.", curves),
+        Section("Training", training, curves),
     ]
-    write_report(out, "imgtransfer: a T-shirt deformed without skinning", overall, sections)
+    return write_report(out, "imgtransfer: a T-shirt deformed without skinning", overall, sections)
 
 
 @contextmanager
@@ -165,25 +118,3 @@ def _step(title: str) -> Iterator[None]:
     started = time.monotonic()
     yield
     print(f"{title}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
-
-
-def main() -> int:
-    """Entry point of `scripts/demo`. Exit status as for `imgtransfer`."""
-    parser = argparse.ArgumentParser(prog="scripts/demo", description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
-    out = parser.parse_args().out
-
-    def demo() -> None:
-        config = load_config(DEMO_CONFIG, [f"data.source={json.dumps(str(SAMPLE_DATA))}"])
-        metrics = run_demo(out, config, PRETRAINED)
-        print(f"\n{metrics_table(metrics, first='method')}\n")
-        animations, pictures = sorted(out.glob("*.glb")), sorted(out.glob("*.png"))
-        files = [out / name for name in ("report.html", "metrics.json", "metrics_by_clip.json")]
-        for path in [*files, *animations, out / "run", *pictures]:
-            print(path)
-
-    return exit_status(demo, program="demo", stopped="stopped; the same command goes on with the training")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
+from imgtransfer.report.demo_case import PRETRAINED, Case
 from imgtransfer.report.html import Picture
 from imgtransfer.report.logs import read_curves
 from imgtransfer.report.pictures import (
@@ -22,9 +22,6 @@ from imgtransfer.report.pictures import (
 from render import Mesh, TemplateImager, contact_sheet
 from render.pictures import difference_picture
 
-if TYPE_CHECKING:
-    from imgtransfer.report.demo import Case
-
 LIMIT_MM = 60.0  # the brightest error colour, one scale for all methods
 COLUMNS = 4  # frames shown of a clip
 
@@ -34,7 +31,7 @@ def overview(cases: Sequence[Case]) -> Picture:
     maps, the fused garment. Everything in the canonical frame.
     """
     case, frame = max(((case, *_farthest(case)) for case in cases), key=lambda found: found[2])[:2]
-    clip, deformation = case.truth, case.maps["pretrained"]
+    clip, deformation = case.truth, case.maps[PRETRAINED]
     prediction = deformation.prediction
     imager = prediction.imager
     body = prediction.frames.to_canonical(clip.body_vertices)[frame]
@@ -66,7 +63,7 @@ def overview(cases: Sequence[Case]) -> Picture:
 
 def _farthest(case: Case) -> tuple[int, float]:
     """The frame in which the garment is farthest from the template on average, and that distance in metres."""
-    canonical = case.maps["pretrained"].prediction.frames.to_canonical(case.truth_vertices)
+    canonical = case.maps[PRETRAINED].prediction.frames.to_canonical(case.truth_vertices)
     distance = np.linalg.norm(canonical - case.truth.template_vertices, axis=-1).mean(axis=1)
     return int(distance.argmax()), float(distance.max())
 
@@ -108,17 +105,18 @@ def meshes(case: Case) -> Picture:
     """The simulated garment and every method's, coloured by error, at some frames of the clip."""
     clip = case.truth
     frames = np.linspace(0.1, 0.95, COLUMNS) * (clip.n_frames - 1)
-    rows: list[list[np.ndarray]] = [[] for _ in range(1 + len(case.vertices))]
+    methods = case.methods
+    rows: list[list[np.ndarray]] = [[] for _ in range(1 + len(methods))]
     for frame in frames.astype(int):
         body = Surface(clip.body_vertices[frame], clip.body_faces, SKIN)
         truth = Surface(case.truth_vertices[frame], clip.garment_faces)
         camera = picture_camera(truth.vertices, size=(260, 230))
         rows[0].append(mesh_picture([body, truth], camera))
-        for row, (method, vertices) in zip(rows[1:], case.vertices.items(), strict=True):
-            garment = Surface(vertices[frame], clip.garment_faces)
+        for row, method in zip(rows[1:], methods, strict=True):
+            garment = Surface(case.vertices[method][frame], clip.garment_faces)
             error = case.error_mm(method)[frame]
             row.append(error_picture(garment, error, limit_mm=LIMIT_MM, body=body, camera=camera))
-    labels = ["simulated", *(f"{m}, mean {case.error_mm(m).mean():.1f} mm" for m in case.vertices)]
+    labels = ["simulated", *(f"{m}, mean {case.error_mm(m).mean():.1f} mm" for m in methods)]
     columns = [f"frame {int(frame)}" for frame in frames]
     return Picture(contact_sheet(rows, row_labels=labels, column_labels=columns), clip.name)
 

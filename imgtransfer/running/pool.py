@@ -19,6 +19,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
 from imgtransfer.running.task import Outcome, attempt, call_packed, pack
+from imgtransfer.waiting import passive_waiting
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -43,7 +44,8 @@ class Pool:
     def outcomes(self, function: Callable[[T], R], tasks: Sequence[T]) -> Generator[Outcome[R], None, None]:
         left, deaths = deque(range(len(tasks))), Counter[int]()
         count = min(self.workers, len(tasks))
-        environment = dict.fromkeys(_THREAD_VARIABLES, str(self.threads or max(1, _cores() // max(1, count))))
+        threads = str(self.threads or max(1, _cores() // max(1, count)))
+        environment = dict.fromkeys(_THREAD_VARIABLES, threads) | passive_waiting()
         workers: list[_Worker] = []
         try:
             for _ in range(count):

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from imgtransfer.data.metadata import read_clips
 from imgtransfer.data.place import everywhere, place_at
-from imgtransfer.data.schema import read_all_attributes
 from imgtransfer.data.store import DataSet
 from imgtransfer.running import Executor, Serial, run_tasks
 from imgtransfer.simulation.contents import garment_content
@@ -101,8 +101,8 @@ def _standing(tasks: Sequence[Task], out: str | Path) -> tuple[set[str], dict[st
 def _note_others(tasks: Sequence[Task], data: DataSet, names: set[str]) -> None:
     """Say which clips stand that were made from other files or settings: they stay as they are."""
     there = [task for task in tasks if task.name in names]
-    attributes = read_all_attributes(data.place, [task.name for task in there], str(data.path))
-    marks = [str(its.get("info", {}).get(MADE, "")) for its in attributes]
+    attributes = read_clips(data.place, [task.name for task in there], str(data.path))
+    marks = [its.info.get(MADE, "") for its in attributes]
     others = [
         task.name for task, mark in zip(there, marks, strict=True) if mark and mark != _fingerprint(task)
     ]

@@ -14,6 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from imgtransfer import config
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 
+_OF_THE_MACHINE = ("training.precision", "training.device", "training.threads")
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -61,8 +63,9 @@ class TrainingConfig(_Section):
     """Greatest norm of a network's gradient; None leaves it."""
     mirror: bool = False
     """Show half of the frames mirrored left to right, as images (columns flipped, x negated)."""
-    precision: Literal["float32", "bfloat16"] = "float32"
-    """Of the networks' products; maps, weights and losses are float32 in either case."""
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    """Of the networks' products; maps, weights and losses are float32 in either case. `auto` measures at the start and
+    takes bfloat16 only where it is faster on this device (`training.precision`)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     threads: int | None = Field(default=None, ge=1, le=1024)
     """CPU threads; None leaves the choice to the environment."""
@@ -105,3 +108,16 @@ def parse_config(content: Any, source: str) -> RunConfig:
 def to_yaml(run: RunConfig) -> str:
     """All values, the defaults too, as YAML that `load_config` reads back."""
     return yaml.safe_dump(run.model_dump(mode="json"), sort_keys=False)
+
+
+def difference(before: RunConfig, now: RunConfig) -> str | None:
+    """The first value that makes `now` another run than `before`, in words; None where the one may go on as the other.
+
+    Number type, device and threads are the machine's, and a run may go on on another one.
+    """
+    old = before.model_dump(mode="json")
+    for section, values in now.model_dump(mode="json").items():
+        for key, value in values.items():
+            if old[section][key] != value and f"{section}.{key}" not in _OF_THE_MACHINE:
+                return f"{section}.{key} is {value} now and was {old[section][key]}"
+    return None

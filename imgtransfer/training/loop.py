@@ -15,7 +15,8 @@ from typing import Any
 from tqdm import tqdm
 
 from imgtransfer.training.checkpoint import MODEL_FILE
-from imgtransfer.training.config import RunConfig, load_config, to_yaml
+from imgtransfer.training.config import RunConfig, difference, load_config, to_yaml
+from imgtransfer.training.remaining import Remaining, say_remaining
 from imgtransfer.training.trainer import Trainer
 from render import InputError
 from render.files import written_whole
@@ -23,14 +24,17 @@ from render.files import written_whole
 CONFIG_FILE, LOG_FILE = "config.yaml", "log.jsonl"
 
 
-def train(config: RunConfig, out: Path, *, resume: bool = False) -> Path:
+def train(
+    config: RunConfig, out: Path, *, resume: bool = False, tell: Callable[[float], None] = say_remaining
+) -> Path:
     """Train to the end and write the results.
 
     Args:
         config: the run.
-        out: folder for config.yaml, log.jsonl (a line a step and a validation), model.safetensors,
-            state.safetensors.
+        out: folder for config.yaml, log.jsonl (a line a step and a validation; the first line that a process writes
+            also says which number type it chose), model.safetensors, state.safetensors.
         resume: go on with the run in `out`.
+        tell: called once with the seconds that are left, after the first steps.
 
     Returns:
         The model's file.
@@ -46,13 +50,18 @@ def train(config: RunConfig, out: Path, *, resume: bool = False) -> Path:
         trainer.load(out)
     with written_whole(out / CONFIG_FILE) as temporary:
         temporary.write_text(to_yaml(config))
+    print(trainer.precision, file=sys.stderr)
     options, started = config.training, time.monotonic()
     bar = tqdm(total=options.steps, initial=trainer.step, desc="train", unit="step", file=sys.stderr)
-    with bar, _log(out / LOG_FILE, trainer.step) as write, _interrupts() as interrupted:
+    log = _log(out / LOG_FILE, trainer.step, note=trainer.precision.log_entry())
+    with bar, log as write, _interrupts() as interrupted:
         if trainer.step == 0:
             write({"step": 0, "seconds": 0.0, **trainer.validate()})
+        remaining = Remaining(options.steps - trainer.step, tell)
         while trainer.step < options.steps and not interrupted.is_set():
             entry: dict[str, Any] = trainer.train_step()
+            with bar.external_write_mode(file=sys.stderr):
+                remaining.step()
             last = trainer.step == options.steps
             if last or trainer.step % options.validate_every_steps == 0:
                 measured = trainer.validate()
@@ -81,27 +90,24 @@ def _check_folder(config: RunConfig, out: Path, resume: bool) -> None:
         return
     if not stored.exists():
         raise InputError(f"{out}: no run to resume there (no {CONFIG_FILE}); leave out --resume to start one")
-    before = load_config(stored).model_dump(mode="json")
-    for section, values in config.model_dump(mode="json").items():
-        for key, value in values.items():
-            if before[section][key] != value:
-                raise InputError(
-                    f"{out}: cannot resume, {section}.{key} is {value} now and was {before[section][key]}; "
-                    "set it back, or start a new run with another --out"
-                )
+    if changed := difference(load_config(stored), config):
+        raise InputError(
+            f"{out}: cannot resume, {changed}; set it back, or start a new run with another --out"
+        )
 
 
 @contextmanager
-def _log(path: Path, step: int) -> Iterator[Callable[[dict[str, Any]], object]]:
-    """A function that appends a JSON line; lines after `step`, of a run that died since, are dropped
-    first.
+def _log(path: Path, step: int, *, note: dict[str, Any]) -> Iterator[Callable[[dict[str, Any]], object]]:
+    """A function that appends a JSON line, the first one with `note`; lines after `step`, of a run that died since, are
+    dropped before.
     """
     if path.exists():
         lines = [line for line in path.read_text().splitlines() if json.loads(line)["step"] <= step]
         with written_whole(path) as temporary:
             temporary.write_text("".join(f"{line}\n" for line in lines if step))
     with path.open("a", buffering=1) as file:
-        yield lambda entry: file.write(json.dumps(entry) + "\n")
+        notes = iter([note])
+        yield lambda entry: file.write(json.dumps(entry | next(notes, {})) + "\n")
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -24,6 +25,7 @@ from imgtransfer.training.checkpoint import (
 from imgtransfer.training.config import ClipChoice, RunConfig
 from imgtransfer.training.measure import map_errors
 from imgtransfer.training.mirror import Mirror
+from imgtransfer.training.precision import Workload, bfloat16_ratio, choose_precision
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.schedule import learning_rate
 from render import InputError, Mesh, PositionBox
@@ -49,6 +51,8 @@ class Trainer:
         self.device = torch.device(_device(options.device))
         self.train_frames = self._frames(config.data.train)
         self.validation_frames = self._frames(config.data.validation)
+        workload = Workload.of(config.maps, config.network, options.batch_frames)
+        self.precision = choose_precision(options.precision, partial(bfloat16_ratio, self.device, workload))
         first = self.train_frames.first
         if self.device.type == "cpu":
             check_room(config.network, config.maps, batch_frames=options.batch_frames)
@@ -152,9 +156,7 @@ class Trainer:
         return Frames([ref.reader() for ref in refs], self.config.maps.root, int(data.cache_gb * 1e9))
 
     def _autocast(self) -> torch.autocast:
-        return torch.autocast(
-            self.device.type, torch.bfloat16, enabled=self.config.training.precision == "bfloat16"
-        )
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision.name == "bfloat16")
 
     def save(self, folder: Path) -> None:
         """Write the model and the state to resume from; each file appears whole or not at all."""

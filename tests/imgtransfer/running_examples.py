@@ -41,8 +41,8 @@ def square(task: Task) -> int:
 
 
 def threads(task: Task) -> str:
-    """The number of threads that the process may use."""
-    return os.environ["OMP_NUM_THREADS"]
+    """How many threads the process may use, and how they wait."""
+    return f"{os.environ['OMP_NUM_THREADS']} {os.environ['OMP_WAIT_POLICY']}"
 
 
 def unpicklable(task: Task) -> object:

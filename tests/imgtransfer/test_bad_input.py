@@ -113,7 +113,7 @@ CLIPS = {
     "vertices not finite": ({"body_vertices": np.full((6, 128, 3), np.inf, np.float32)}, "not finite"),
     "joints not finite": ({"joints_rest": np.full((2, 3), np.nan, np.float32)}, "joints_rest: vertex 0"),
     "words for numbers": ({"template_vertices": np.full((192, 3), "x")}, "numbers are wanted"),
-    "pickled objects": ({"poses": np.array([{}], object)}, "not a readable npz of plain arrays"),
+    "pickled objects": ({"poses": np.array([{}], object)}, "poses is not a readable plain array"),
     "frames that do not fit": ({"poses": np.zeros((2, 2, 3), np.float32)}, "poses must have shape"),
     "no frame rate": ({"fps": np.float64(0)}, "fps is 0.0"),
     "a parent that is none": ({"parents": np.array([-1, -7])}, "parents must be indices"),

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 from test_store import assert_same_clip
 
+from imgtransfer.cli import machine
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, load_clip, save_clip
 from imgtransfer.data.store import DataSet
@@ -248,7 +251,17 @@ def test_doctor_finds_this_machine_usable(capsys: pytest.CaptureFixture[str]) ->
     assert main(["doctor"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[-1] == "ready"
-    assert {line.split()[0] for line in lines[:-1]} >= {"python", "GL", "torch", "warp", "newton", "anny"}
+    found = {line.split()[0]: line for line in lines[:-1]}
+    assert set(found) >= {"python", "GL", "torch", "vectors", "bfloat16", "threads", "warp", "newton", "anny"}
+    assert torch.backends.cpu.get_cpu_capability() in found["vectors"]
+    assert re.search(r"[\d.]+ times as long as float32; .* take (float32|bfloat16)$", found["bfloat16"])
+    assert re.search(rf"torch {torch.get_num_threads()}\b.* OMP_WAIT_POLICY=", found["threads"])
+
+
+def test_doctor_names_the_processors_vector_units(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "cpuinfo").write_text("model name\t: any\nflags\t\t: fpu avx2 avx512f amx_bf16 amx_tile\n")
+    monkeypatch.setattr(machine, "CPU_INFO", tmp_path / "cpuinfo")
+    assert machine.vector_units().startswith("AVX2, AVX-512, AMX BF16; torch uses ")
 
 
 # bad input: one line, exit status 2, nothing half-written

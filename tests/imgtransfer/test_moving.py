@@ -45,7 +45,9 @@ def test_frames_of_a_folder_must_be_of_one_mesh(tmp_path):
 
 def test_arrays_that_do_not_fit_are_named(tmp_path):
     path = tmp_path / "m.npz"
-    with pytest.raises(InputError, match="no such file; wanted is an npz with body_faces and body_vertices"):
+    with pytest.raises(
+        InputError, match="no such file; an npz with body_faces and body_vertices, or mesh files"
+    ):
         load_moving(path, "body")
     np.savez(path, body_faces=FACES, body_vertices=SQUARE)
     with pytest.raises(

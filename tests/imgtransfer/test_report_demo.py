@@ -12,7 +12,9 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.deform import deform
 from imgtransfer.evaluation.metrics import METRICS, evaluate_clip
-from imgtransfer.report.demo import DEMO_CONFIG, METHODS, PRETRAINED, SAMPLE_DATA, main, run_demo
+from imgtransfer.report.__main__ import main
+from imgtransfer.report.demo import CHECKPOINT, DEMO_CONFIG, SAMPLE_DATA, run_demo
+from imgtransfer.report.demo_case import METHODS
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import RunConfig, load_config, parse_config
 from imgtransfer.training.loop import train
@@ -121,12 +123,12 @@ def test_a_missing_checkpoint_is_said_before_any_training(config: RunConfig, tmp
 
 
 def test_the_checkpoint_that_comes_with_the_project_is_the_demos_network_for_the_sample_shirt() -> None:
-    config, model = load_config(DEMO_CONFIG), load_model(PRETRAINED)
+    config, model = load_config(DEMO_CONFIG), load_model(CHECKPOINT)
     assert (model.network, model.maps) == (config.network, config.maps)
     data = DataSet.open(SAMPLE_DATA)
     for name in data.names():
         model.check_garment(data.read(name))
-    assert PRETRAINED.stat().st_size < 15e6
+    assert CHECKPOINT.stat().st_size < 15e6
 
 
 def test_an_output_folder_that_is_a_file_is_one_line(

@@ -66,7 +66,7 @@ def test_cores_are_shared_out(tmp_path: Path) -> None:
         found = run_tasks(
             running_examples.threads, tasks, executor=pool, name=lambda task: task.name, progress=False
         )
-        assert set(found.values.values()) == {str(wanted)}
+        assert set(found.values.values()) == {f"{wanted} PASSIVE"}
     assert os.environ.get("OMP_NUM_THREADS") == before
 
 

@@ -74,7 +74,7 @@ def test_names_splits_and_attributes(data_set: DataSet) -> None:
         "tubes",
     )
     attributes = again.clip_attributes("tube/other")
-    assert (attributes["frames"], attributes["fps"], attributes["licence"]) == (3, 30.0, "CC0-1.0")
+    assert (attributes.frames, attributes.fps, attributes.licence) == (3, 30.0, "CC0-1.0")
     assert again.read("tube/other").name == "tube/other"
 
 

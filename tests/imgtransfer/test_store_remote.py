@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from uuid import uuid4
 
@@ -101,12 +102,96 @@ def test_commands_take_urls(memory: str, tube_clip: Clip, capsys: pytest.Capture
     [
         ("nope://x/y", "cannot be reached"),
         ("memory://nothing/here", "no data set"),
-        ("http://127.0.0.1:9/set", "no data set|cannot be reached"),
+        ("http://127.0.0.1:9/set", "cannot be read .Cannot connect to host 127.0.0.1:9"),
     ],
 )
 def test_a_bad_url_is_one_line(url: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         DataSet.open(url)
+
+
+class Hostile(BaseHTTPRequestHandler):
+    """Answers by the first part of the path; a number is the status."""
+
+    stop: threading.Event
+
+    def log_message(self, *args: object) -> None:
+        pass
+
+    def do_GET(self) -> None:
+        what = self.path.split("/")[1]
+        with suppress(ConnectionError):
+            if what.isdecimal():
+                self.send_response(int(what))
+                self.send_header("Location", self.path)
+                self.send_header("Content-Length", "0")
+                self.end_headers()
+            else:
+                self.send_response(200)
+                if what == "untrue":
+                    self.send_header("Content-Length", "1000")
+                self.end_headers()
+                getattr(self, what)()
+
+    def endless(self) -> None:
+        while not self.stop.is_set():
+            self.wfile.write(bytes(1 << 20))
+
+    def untrue(self) -> None:
+        self.wfile.write(b"{}")
+
+    def dripping(self) -> None:
+        while not self.stop.wait(0.1):
+            self.wfile.write(b" ")
+
+    def silent(self) -> None:
+        self.stop.wait()
+
+    def nonsense(self) -> None:
+        self.wfile.write(b"<html>")
+
+
+@pytest.fixture(scope="module")
+def hostile() -> Iterator[str]:
+    Hostile.stop = threading.Event()
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Hostile)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}"
+    Hostile.stop.set()
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ("404", "no data set"),
+        ("401", "the server answers 401 Unauthorized"),
+        ("403", "the server answers 403 Forbidden"),
+        ("500", "the server answers 500 Internal Server Error"),
+        ("302", "the server redirects in a circle"),
+        ("endless", "the server sends more than 16777216 bytes"),
+        ("untrue", "Response payload is not completed"),
+        ("dripping", r"the server sent \d+ bytes in|no answer within"),
+        ("silent", "no answer within 0.4 s"),
+        ("nonsense", "not the metadata of a Zarr v3 group"),
+    ],
+)
+def test_what_a_server_does_instead_of_answering_is_said_in_one_line(
+    hostile: str, monkeypatch: pytest.MonkeyPatch, what: str, message: str
+) -> None:
+    monkeypatch.setattr("imgtransfer.data.http_files.PATIENCE", 0.4)
+    with pytest.raises(InputError, match=message) as caught:
+        DataSet.open(f"{hostile}/{what}")
+    assert f"{hostile}/{what}" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_chunk_larger_than_its_shape_is_not_taken_from_a_server(served: str, tmp_path: Path) -> None:
+    chunk = tmp_path / "set/tube/bend/parents/c/0"
+    chunk.write_bytes(chunk.read_bytes() + bytes(10_000))
+    with pytest.raises(InputError, match=r"parents/c/0: .*more than \d+ bytes"):
+        DataSet.open(served).read("tube/bend")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from render import InputError
-from render.npz import open_npz, read_npz
+from render.npz import open_npz, read_npy, read_npz
 from render.npz_writer import NpzWriter, write_npz
 
 
@@ -199,3 +199,30 @@ def test_more_than_the_memory_is_refused_before_it_is_taken(
         read_npz(tmp_path / "a.npz")
     monkeypatch.setattr("render.npz.available_bytes", lambda: 8000)
     assert len(read_npz(tmp_path / "a.npz")["x"]) == 1000
+
+
+@pytest.mark.parametrize(
+    "values", [np.arange(6, dtype=">f4"), np.asfortranarray(np.arange(6).reshape(2, 3)), np.float64(3)]
+)
+def test_an_npy_file_is_read_as_numpy_reads_it(tmp_path: Path, values: np.ndarray) -> None:
+    np.save(tmp_path / "a.npy", values)
+    np.testing.assert_array_equal(read_npy(tmp_path / "a.npy"), values)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (
+            header(FLOATS % "(10000000000, 3)") + bytes(12),
+            "120000000000 bytes by its header, and 12 are there",
+        ),
+        (header(FLOATS % "(1, 3)") + bytes(16), "and 16 are there"),
+        (b"PK", "not a readable npy array"),
+        (header("{'descr': '|O', 'fortran_order': False, 'shape': (1,), }") + b"cos.", "plain numbers"),
+    ],
+)
+def test_a_damaged_npy_file_is_refused_in_one_line(tmp_path: Path, content: bytes, said: str) -> None:
+    (tmp_path / "a.npy").write_bytes(content)
+    with pytest.raises(InputError, match=said) as caught:
+        read_npy(tmp_path / "a.npy")
+    assert "\n" not in str(caught.value)
