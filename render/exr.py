@@ -38,7 +38,7 @@ _OF_IMAGE = {
     "layer": "layers",
 }
 _OF_FRAME = {"rotation": "rotation", "translation": "translation"}
-_SHAPES = {"viewMatrix": (4, 4), "projectionMatrix": (4, 4), "rotation": (3, 3)}
+_SHAPES: dict[str, tuple[int, ...]] = {"viewMatrix": (4, 4), "projectionMatrix": (4, 4), "rotation": (3, 3)}
 _SHAPES |= dict.fromkeys(("boxLo", "boxHi", "translation"), (3,))  # all others are single numbers or texts
 _MOST_CHANNELS = 64
 

@@ -146,10 +146,12 @@ def run(args: argparse.Namespace) -> None:
 
 def _check_form(args: argparse.Namespace) -> None:
     """Raise InputError unless the arguments are those of one form."""
+    from render.limits import MAX_LENGTH  # noqa: PLC0415
+
     if (args.predictions is None) == (args.maps is None):
         raise InputError("fuse: give either PREDICTIONS or --maps FILE --out DIR")
-    if args.erode < 0:
-        raise InputError(f"--erode {args.erode}: a whole number of pixels from 0 is wanted")
+    if not 0 <= args.erode <= MAX_LENGTH:
+        raise InputError(f"--erode {args.erode}: a whole number of pixels from 0 to {MAX_LENGTH} is wanted")
     if args.maps is None:
         for option in SINGLE:
             if getattr(args, option) is not None:
@@ -177,8 +179,9 @@ def _check_device(device: str) -> None:
     import torch  # noqa: PLC0415
 
     try:
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:
+        if torch.zeros(1, device=device).sum().item() != 0:
+            raise RuntimeError("it does not compute")
+    except (RuntimeError, AssertionError, ImportError, NotImplementedError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"--device {device}: not usable here ({reason}); use cpu") from error
 

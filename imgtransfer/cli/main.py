@@ -74,6 +74,11 @@ def exit_status(run: Callable[[], object], *, program: str, stopped: str) -> int
     except BrokenPipeError:  # `imgtransfer inspect ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except ValueError as error:
+        if "null" not in str(error):  # of a path; all else is a fault of ours
+            raise
+        print(f"{program}: error: a path holds a null character, which no file's name has", file=sys.stderr)
+        return 2
     except OSError as error:  # no permission, a full disk, a file where a folder is wanted
         print(f"{program}: error: {error.filename or 'files'}: {error.strerror or error}", file=sys.stderr)
         return 2

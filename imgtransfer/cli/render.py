@@ -141,10 +141,12 @@ def _others(source: str, refs: Sequence[ClipRef]) -> dict[str, ClipRef]:
 
 def _meshes(args: argparse.Namespace, frames: str) -> Scene:
     from imgtransfer.rendering.scene import mesh_scene  # noqa: PLC0415
+    from render.limits import check_rate  # noqa: PLC0415
 
     if args.split is not None or args.clip is not None:
         raise InputError("--split and --clip choose among clips; with --template there are none")
     fps = 30.0 if args.fps is None else args.fps
+    check_rate(fps, "--fps")
     scene = mesh_scene(
         args.template, Path(frames), body_template=args.body_template, body=args.body, root=args.root, fps=fps
     )

@@ -11,6 +11,7 @@ from imgtransfer.data.canonical import RootFrames, RootMode, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.frames import read_moving_mesh
 from render import InputError, Mesh, load_mesh
+from render.mesh import check_finite
 from render.meshio import SUFFIXES
 
 
@@ -123,4 +124,5 @@ def _moved(rest: Mesh, frames: Path) -> Moved:
             f"{rest.source} has {len(rest.vertices)} and {len(rest.faces)}, or others; they must be the same mesh, "
             "with its vertices in the same order"
         )
+    check_finite(vertices, str(frames))
     return Moved(rest, vertices)

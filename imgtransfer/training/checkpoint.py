@@ -106,11 +106,11 @@ def _check_shapes(network: NetworkConfig, maps: MapsConfig, tensors: dict[str, T
             raise InputError(
                 f"{path}: the weights are of another architecture ({len(there)} blocks of {part}, not {stated})"
             )
-    there = sum(value.numel() for key, value in tensors.items() if key.startswith("model."))
+    count = sum(value.numel() for key, value in tensors.items() if key.startswith("model."))
     least = 2 * least_weights(network, maps)
-    if there < least:
+    if count < least:
         raise InputError(
-            f"{path}: the weights are of another architecture ({there} of them, and its header needs {least} at least)"
+            f"{path}: the weights are of another architecture ({count} of them, and its header needs {least} at least)"
         )
 
 

@@ -5,6 +5,7 @@ from example_meshes import sphere, two_triangles
 
 from render import InputError, Mesh, vertex_normals
 from render.files import written_whole, written_whole_folder
+from render.mesh import check_finite
 
 SQUARE = two_triangles()
 
@@ -86,3 +87,14 @@ def test_folders_appear_whole_or_not_at_all(tmp_path):
         (temporary / "a.txt").write_text(None)
     assert (target / "a.txt").read_text() == "second"
     assert [path.name for path in tmp_path.iterdir()] == ["data"]
+
+
+@pytest.mark.parametrize(
+    ("value", "wrong"), [(np.nan, "not finite"), (-np.inf, "not finite"), (1e30, "beyond ±10000 m")]
+)
+def test_a_vertex_that_cannot_be_meant_is_named_with_its_frame(value, wrong):
+    moved = np.zeros((3, 4, 3), np.float32)
+    check_finite(moved, "shirt")
+    moved[1, 2, 0] = value
+    with pytest.raises(InputError, match=rf"shirt: frame 41, vertex 2 is .* {wrong} \(1 such vertices\)"):
+        check_finite(moved, "shirt", first=40)
