@@ -185,9 +185,9 @@ def load_pins(path: Path) -> Pins:
             positions = npz.read("positions")
             check_finite(positions, f"{path}: positions")
             positions = plain(positions, whole=False)
-    if len(indices) and not 0 <= int(indices.min()) <= int(indices.max()) < _MOST:
-        wrong = next(int(index) for index in indices if not 0 <= int(index) < _MOST)
-        raise InputError(f"{path}: indices are vertex numbers from 0, found {wrong}")
+    wrong = indices[(indices < 0) | (indices >= _MOST)]
+    if len(wrong):
+        raise InputError(f"{path}: indices are vertex numbers from 0, found {wrong[0]}")
     return Pins(indices.astype(np.int64), positions, str(path))
 
 

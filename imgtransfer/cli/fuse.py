@@ -156,6 +156,7 @@ def run(args: argparse.Namespace) -> None:
 
 def _check_form(args: argparse.Namespace) -> None:
     """Raise InputError unless the arguments are those of one form."""
+
     if (args.predictions is None) == (args.maps is None):
         raise InputError("fuse: give either PREDICTIONS or --maps FILE --out DIR")
     if not 0 <= args.erode <= MAX_LENGTH:
@@ -188,9 +189,10 @@ def _check_device(device: str) -> None:
     import torch  # noqa: PLC0415
 
     try:
-        torch.zeros(1, device=device).cpu()  # a device that holds no values is of no use
-    except (RuntimeError, AssertionError, ValueError) as error:
-        reason = (str(error).splitlines() or ["unknown"])[0]
+        if torch.zeros(1, device=device).sum().item() != 0:
+            raise RuntimeError("it does not compute")
+    except (RuntimeError, AssertionError, ImportError, NotImplementedError) as error:
+        reason = str(error).splitlines()[0]
         raise InputError(f"--device {device}: not usable here ({reason}); use cpu") from error
 
 

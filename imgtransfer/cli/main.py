@@ -82,17 +82,23 @@ def exit_status(run: Callable[[], object], *, program: str, stopped: str) -> int
     except BrokenPipeError:  # `imgtransfer inspect ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # no permission, a full disk, a file where a folder is wanted
-        what = one_line(f"{error.filename or 'files'}: {error.strerror or error}")
-        print(f"{program}: error: {what}", file=sys.stderr)
-        return 2
-    except (MemoryError, RuntimeError) as error:
-        reason = shortage(error)
-        if reason is None:
+    except (OSError, ValueError, MemoryError, RuntimeError) as error:
+        reason = _of_the_machine(error)
+        if reason is None:  # a fault of ours
             raise
         print(f"{program}: error: {reason}", file=sys.stderr)
         return 2
     return 0
+
+
+def _of_the_machine(error: Exception) -> str | None:
+    """What files or memory refused, on one line; None where the error is of another kind."""
+    if isinstance(error, OSError):  # no permission, a full disk, a file where a folder is wanted
+        return one_line(f"{error.filename or 'files'}: {error.strerror or error}")
+    if isinstance(error, ValueError):
+        of_a_path = "embedded null" in str(error)
+        return "a path holds a null character, which no file's name has" if of_a_path else None
+    return shortage(error)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from reprlib import repr as shortened
 from typing import TYPE_CHECKING
 
 from render import InputError
@@ -13,7 +14,7 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.data.source import ClipRef
     from imgtransfer.running import Executor
 
-_DIGITS = 9  # of a number of pixels, layers or frames
+_DIGITS = 9  # of a number that somebody means
 
 
 def add_clip_choice(parser: argparse.ArgumentParser) -> None:
@@ -88,14 +89,30 @@ def add_views(
         help="front, back, left, right, AZIMUTH/ELEVATION in degrees such as 45/20, separated by commas; or four, "
         f"or ring:N; {note}",
     )
-    parser.add_argument("--layers", type=at_least_one, help="how many surfaces deep each view is imaged")
+    parser.add_argument("--layers", type=number_of_layers, help="how many surfaces deep each view is imaged")
 
 
 def at_least_one(text: str) -> int:
     """A whole number from 1 on, for argparse's `type`."""
-    if not _is_count(text):
-        raise argparse.ArgumentTypeError(f"a whole number from 1 on is wanted, found '{text}'")
-    return int(text)
+    number = whole_number(text)
+    if number is None or number < 1:
+        raise argparse.ArgumentTypeError(f"a whole number from 1 on is wanted, found {shortened(text)}")
+    return number
+
+
+def number_of_layers(text: str) -> int:
+    """At most `MAX_LAYERS`, for argparse's `type`."""
+    from render.limits import MAX_LAYERS  # noqa: PLC0415
+
+    number = at_least_one(text)
+    if number > MAX_LAYERS:
+        raise argparse.ArgumentTypeError(f"1 to {MAX_LAYERS} layers are wanted, found {number}")
+    return number
+
+
+def whole_number(text: str) -> int | None:
+    """Digits as a number; None for anything else, such as ², ٣ and 1_0, which Python's `int` or `isdigit` may take."""
+    return int(text) if text.isascii() and text.isdecimal() and len(text) <= _DIGITS else None
 
 
 def chosen_refs(args: argparse.Namespace, source: str | Path) -> list[ClipRef]:
@@ -107,20 +124,23 @@ def chosen_refs(args: argparse.Namespace, source: str | Path) -> list[ClipRef]:
 
 def image_size(text: str) -> tuple[int, int]:
     """ "256" or "HxW" -> (height, width)."""
+    from render.limits import MAX_LENGTH  # noqa: PLC0415
+
     parts = text.lower().split("x")
-    if len(parts) > 2 or not all(_is_count(part) for part in parts):
-        raise InputError(f"--size {text}: a number of pixels is wanted, such as 256, or HEIGHTxWIDTH")
-    return int(parts[0]), int(parts[-1])
-
-
-def _is_count(text: str) -> bool:
-    """Whether a text is a whole number from 1 on that a computer can count to, in the digits 0 to 9."""
-    return text.isascii() and text.isdecimal() and len(text) <= _DIGITS and int(text) > 0
+    lengths = [whole_number(part) or 0 for part in parts]
+    if len(parts) > 2 or not all(1 <= length <= MAX_LENGTH for length in lengths):
+        raise InputError(
+            f"--size {shortened(text)}: a number of pixels is wanted, such as 256, or HEIGHTxWIDTH; "
+            f"at most {MAX_LENGTH} pixels a side"
+        )
+    return lengths[0], lengths[-1]
 
 
 def frame_slice(text: str) -> slice:
     """ "START:STOP:STEP", each part optional, or one frame number -> slice."""
     try:
+        if len(text) > 3 * _DIGITS + 5 or not text.isascii():
+            raise ValueError
         parts = [int(part) if part else None for part in text.split(":")]
         if len(parts) == 1 and parts[0] is not None:
             return slice(parts[0], parts[0] + 1 or None)

@@ -154,6 +154,7 @@ def _others(source: str, refs: Sequence[ClipRef]) -> dict[str, ClipRef]:
 
 def _meshes(args: argparse.Namespace, frames: str) -> Scene:
     from imgtransfer.rendering.scene import mesh_scene  # noqa: PLC0415
+    from render.limits import check_rate  # noqa: PLC0415
 
     if args.split is not None or args.clip is not None:
         raise InputError("--split and --clip choose among clips; with --template there are none")
@@ -161,13 +162,15 @@ def _meshes(args: argparse.Namespace, frames: str) -> Scene:
         args, body=args.body is not None, garment=True, wanted="a body; without one --garment-... says it all"
     )
     axes, garment_axes = chosen_axes(args)
+    fps = 30.0 if args.fps is None else args.fps
+    check_rate(fps, "--fps")
     scene = mesh_scene(
         args.template,
         Path(frames),
         body_template=args.body_template,
         body=args.body,
         root=args.root,
-        fps=30.0 if args.fps is None else args.fps,
+        fps=fps,
         axes=axes,
         garment_axes=garment_axes,
         welding=args.weld,

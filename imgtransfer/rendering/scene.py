@@ -13,6 +13,7 @@ from imgtransfer.importers.axes import Axes
 from imgtransfer.importers.frames import read_moving_mesh
 from imgtransfer.importers.weld import weld, weld_motion
 from render import InputError, Mesh, load_mesh
+from render.mesh import check_finite
 from render.meshio import SUFFIXES
 
 
@@ -133,6 +134,7 @@ def _moved(rest: Mesh, frames: Path, axes: Axes, welding: bool) -> Moved:
             "with its vertices in the same order"
         )
     rest, vertices = axes.of_mesh(rest), axes.apply(vertices)
+    check_finite(vertices, str(frames))
     if not welding:
         return Moved(rest, vertices)
     welded = weld(rest)

@@ -17,6 +17,7 @@ from render import InputError
 
 T = TypeVar("T")
 R = TypeVar("R")
+MOST_WORKERS = 1024  # on one machine
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,10 @@ def executor_for(*, workers: int = 1, ray: str | None = None) -> Executor:
     """The executor that --workers and --ray ask for.
 
     Raises:
-        InputError: fewer than one worker, or both.
+        InputError: fewer than one worker, more than any machine has cores, or both.
     """
-    if workers < 1:
-        raise InputError(f"--workers {workers}: a whole number from 1 is wanted")
+    if not 1 <= workers <= MOST_WORKERS:
+        raise InputError(f"--workers {workers}: a whole number from 1 to {MOST_WORKERS} is wanted")
     if ray is not None:
         if workers != 1:
             raise InputError("--workers is for this machine, --ray for a cluster; give one of them")

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.canonical import heading, root_frames
 from imgtransfer.data.clip import Clip
+from render import InputError
 
 
 @pytest.mark.parametrize("mode", ["root", "heading"])
@@ -60,3 +61,10 @@ def test_heading_is_a_turn_about_the_vertical_whatever_the_rotation() -> None:
 def test_a_body_upside_down_has_the_identity_as_heading() -> None:
     upside_down = np.diag([-1.0, -1.0, 1.0])[None]  # half a turn about z
     np.testing.assert_allclose(heading(upside_down)[0], np.eye(3), atol=1e-9)
+
+
+def test_results_that_are_not_finite_do_not_reach_the_world(tube_clip: Clip) -> None:
+    frames, vertices = root_frames(tube_clip, "root"), tube_clip.garment_vertices.copy()
+    vertices[4, 7] = np.nan
+    with pytest.raises(InputError, match=r"frame 4, vertex 7 is .* not finite"):
+        frames.to_world(vertices)

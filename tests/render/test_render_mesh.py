@@ -4,6 +4,7 @@ import torch
 from example_meshes import sphere, two_triangles
 
 from render import InputError, Mesh, vertex_normals
+from render.mesh import check_finite
 
 SQUARE = two_triangles()
 
@@ -63,3 +64,14 @@ def test_vertex_normals_gradient_and_batch():
     batch = torch.stack([vertices, vertices * torch.tensor([1, 2, 3])])
     for k in range(2):
         torch.testing.assert_close(vertex_normals(batch, faces)[k], vertex_normals(batch[k], faces))
+
+
+@pytest.mark.parametrize(
+    ("value", "wrong"), [(np.nan, "not finite"), (-np.inf, "not finite"), (1e30, "beyond ±10000 m")]
+)
+def test_a_vertex_that_cannot_be_meant_is_named_with_its_frame(value, wrong):
+    moved = np.zeros((3, 4, 3), np.float32)
+    check_finite(moved, "shirt")
+    moved[1, 2, 0] = value
+    with pytest.raises(InputError, match=rf"shirt: frame 41, vertex 2 is .* {wrong} \(1 such vertices\)"):
+        check_finite(moved, "shirt", first=40)
