@@ -109,10 +109,11 @@ class ExrFolder:
         paths = sorted(folder.glob("*.exr"))
         if not paths:
             raise InputError(f"{folder}: no .exr files in it; a folder of EXR maps is wanted")
-        self._paths: dict[tuple[int, int], Path] = {}
+        headers: dict[tuple[int, int], tuple[Path, dict[str, Any]]] = {}
         for path in paths:
             header = _header(path)
-            self._paths[_number(path, header, "frame"), _number(path, header, "image")] = path
+            headers[_number(path, header, "frame"), _number(path, header, "image")] = path, header
+        self._paths = {key: path for key, (path, _) in headers.items()}
         self._frames, self._images = (1 + max(key[axis] for key in self._paths) for axis in (0, 1))
         whole = self._frames * self._images
         if not len(self._paths) == len(paths) == whole:
@@ -122,8 +123,11 @@ class ExrFolder:
             )
             what = f"frame {lost[0]}, image {lost[1]} is missing" if lost else "two files are of one image"
             raise InputError(f"{folder}: {what}, of {self._frames} frames with {self._images} images each")
+        _check_agreement(headers)
         files = [(self._paths[0, image], *_read(self._paths[0, image])) for image in range(self._images)]
         path, header, self._like = files[0]
+        for other, _, channels in files:
+            self._alike(other, channels)
         self.constant = {name: _attribute(path, header, key) for key, name in _OF_ALL.items()}
         for key, name in _OF_IMAGE.items():
             self.constant[name] = np.stack([_attribute(*file[:2], key) for file in files])
@@ -132,7 +136,7 @@ class ExrFolder:
         self.constant |= _meshes(folder)
         self.constant["mask"] = np.stack([channels["mask"] > 0.5 for _, _, channels in files])
         if "depth" in self._like:
-            self.constant["depth"] = np.stack([self._alike(path, c)["depth"] for path, _, c in files])
+            self.constant["depth"] = np.stack([channels["depth"] for _, _, channels in files])
         self.shapes = {name: (self._frames, *values.shape[1:]) for name, values in self._rows(0, 1).items()}
 
     def rows(self, count: int) -> Iterator[dict[str, np.ndarray]]:
@@ -167,6 +171,16 @@ class ExrFolder:
         if channels.keys() != self._like.keys() or {c.shape for c in channels.values()} != {size}:
             raise InputError(f"{path}: its size or channels are not those of {self._paths[0, 0].name}")
         return channels
+
+
+def _check_agreement(headers: dict[tuple[int, int], tuple[Path, dict[str, Any]]]) -> None:
+    """Raise InputError where the files of one image, of one frame, or all of them, do not say the same of it."""
+    first = headers[0, 0]
+    for (frame, image), (path, header) in headers.items():
+        for keys, other in ((_OF_ALL, first), (_OF_IMAGE, headers[0, image]), (_OF_FRAME, headers[frame, 0])):
+            for key in keys:
+                if not np.array_equal(_attribute(path, header, key), _attribute(*other, key)):
+                    raise InputError(f"{path}: '{key}' in its header is not that of {other[0].name}")
 
 
 def _meshes(folder: Path) -> dict[str, np.ndarray]:
