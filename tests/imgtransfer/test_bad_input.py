@@ -171,7 +171,13 @@ def test_data_sets(here: Path, capsys: pytest.CaptureFixture[str], command: str,
     argv = {
         "predict": ["predict", here / "model.safetensors", data, "--clip", "tube/train", "--out", out],
         "train": ["train", here / "run.yaml", "--data", data, "--out", out],
-        "evaluate": ["evaluate", here / "p", "--truth", data],
+        "evaluate": [
+            "evaluate",
+            "--baseline",
+            "lbs",
+            "--truth",
+            data,
+        ],  # a prediction reads only its own clips
         "render": ["render", data, "--size", "32", "--out", out],
         "inspect": ["inspect", data],
         "export": ["export", data, "--clip", "tube/train", "--out", out],

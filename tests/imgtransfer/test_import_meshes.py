@@ -243,7 +243,7 @@ def test_clips_that_do_not_fit_together(tmp_path: Path, capsys: pytest.CaptureFi
         (["--smpl", "x"], "--smpl goes with vto"),
         (["--template", "none.obj"], "none.obj: no such file"),
         (["--garment-frames", "x"], "go together, with meshes and without PATH"),
-        (["--clip", "other*"], "no clip matches other*; it has garment/walk"),
+        (["--clip", "other*"], "no clip matches (names other*); there are garment/walk"),
     ],
 )
 def test_options_without_sense(

@@ -156,7 +156,7 @@ def test_open_clips_reads_data_sets_files_and_folders(
 
 
 def test_open_clips_says_what_is_there(tmp_path: Path, data_set: DataSet, tube_clip: Clip) -> None:
-    with pytest.raises(InputError, match=r"no clip matches \(split val\); it has tube/bend, tube/other"):
+    with pytest.raises(InputError, match=r"no clip matches \(split val\); there are tube/bend, tube/other"):
         open_clips(data_set.path, split="val")
     with pytest.raises(InputError, match=r"no clip matches \(names dress\*\)"):
         open_clips(data_set.path, names=["dress*"])
