@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import shutil
 import tempfile
-import time
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -108,7 +107,7 @@ class _Rows:
         before = start.compress(header) + start.flush(
             zlib.Z_FULL_FLUSH
         )  # ends at a byte, and more may follow
-        info = zipfile.ZipInfo(name + SUFFIX, time.localtime()[:6])
+        info = zipfile.ZipInfo(name + SUFFIX)  # without a date: the same arrays give the same bytes
         info.compress_type = zipfile.ZIP_DEFLATED
         info.external_attr = 0o600 << 16
         info.CRC = joined_crc32(zlib.crc32(header), self._sum, self._bytes)

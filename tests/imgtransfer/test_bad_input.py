@@ -416,15 +416,15 @@ def test_what_cannot_be_parsed_is_refused_by_every_command(capsys: pytest.Captur
 # a full disk
 
 WRITERS: dict[str, tuple[list[object], str]] = {
-    "predict": (["predict", "model.safetensors", "clip.npz", "--out", "out"], "out/clip/maps.npz"),
+    "predict": (["predict", "model.safetensors", "clip.npz", "--out", "out"], "out/clip/position_only.npz"),
     "render": (["render", "clip.npz", "--size", "32", "--out", "out"], "out/clip/body.npz"),
     "render exr": (
         ["render", "clip.npz", "--size", "128", "--format", "exr", "--out", "out"],
         "out/clip/body/00000.0.exr",
     ),
-    "export npz": (["export", "clip.npz", "clip", "--out", "out/clip.npz"], "out/clip.npz"),
-    "export glb": (["export", "clip.npz", "clip", "--out", "out/clip.glb"], "out/clip.glb"),
-    "export obj": (["export", "clip.npz", "clip", "--out", "out"], "out"),
+    "export npz": (["export", "clip.npz", "--out", "out/clip.npz"], "out/clip.npz"),
+    "export glb": (["export", "clip.npz", "--out", "out/clip.glb"], "out/clip.glb"),
+    "export obj": (["export", "clip.npz", "--out", "out"], "out"),
     "import": (["import", "clip.npz", "--split", "train", "--to", "out"], "out/clip/clip"),
 }
 
