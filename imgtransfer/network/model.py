@@ -15,7 +15,7 @@ from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.transfer import TransferNet
-from render import Mesh, PositionBox, TemplateImager, encode_normals
+from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
 from render.threads import one_blas_thread
 
 # A decoder output of 1 in residual mode: about the size of the residuals, so that the networks deal with
@@ -83,6 +83,7 @@ class TransferModel(nn.Module):
     ) -> None:
         super().__init__()
         self.body = body
+        self.source = "the model"  # what messages call it
         self.imager = TemplateImager.build(template, views=maps.views, size=maps.size, layers=maps.layers)
         images = len(self.imager.cameras)
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
@@ -233,6 +234,10 @@ class Predictor:
         frames = root_frames(clip, model.maps.root)
         batch = torch.from_numpy(frames.to_canonical(clip.body_vertices)).to(model.device)
         images = model(self._body(batch), tokens=self._tokens)
+        if not (images.positions.isfinite().all() and images.normals.isfinite().all()):
+            raise InputError(
+                f"{model.source}: predicts values that are not finite; the file is damaged, or the training diverged"
+            )
         kept = model.mask[..., None]
         unit = nn.functional.normalize(images.normals * 2 - 1, dim=-1)
         return Prediction(

@@ -85,6 +85,7 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
     _check_shapes(network, maps, tensors, path)
     model = TransferModel(maps=maps, network=network, template=template, box=box, body=body)
     load_weights(model, tensors, path)
+    model.source = str(path)
     return model.eval().to(device)
 
 

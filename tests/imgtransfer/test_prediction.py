@@ -205,3 +205,11 @@ def test_the_command_refuses_another_garment_before_it_writes(tube_clip: Clip, t
     save_clip(tmp_path / "clips" / "b.npz", wide)
     assert main(["predict", str(tmp_path), str(tmp_path / "clips"), "--out", str(tmp_path / "o")]) == 2
     assert not (tmp_path / "o").exists()
+
+
+def test_a_model_that_predicts_no_numbers_is_named(tube_clip: Clip) -> None:
+    model = model_for(tube_clip)
+    torch.nn.init.constant_(model.position_net.decoder.to_image.weight, 1e38)
+    model.source = "shirt.safetensors"
+    with pytest.raises(InputError, match=r"shirt\.safetensors: predicts values that are not finite"):
+        model.predict(tube_clip)
