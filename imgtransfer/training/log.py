@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from render.files import errors_naming, written_whole
+from render.files import check_regular, errors_naming, written_whole
 
 LOG_FILE = "log.jsonl"
 
@@ -21,7 +21,11 @@ def read_entries(path: Path) -> tuple[list[dict[str, Any]], int]:
     """The entries of a log in the order of the file, and how many lines are no such entries.
 
     A run that is killed, or runs out of disk, may leave half a line; that must not cost the others.
+
+    Raises:
+        InputError: no regular file.
     """
+    check_regular(path, "the log of a training run")
     lines = [line for line in path.read_bytes().splitlines() if line.strip()]
     entries = [entry for line in lines if (entry := _entry(line)) is not None]
     return entries, len(lines) - len(entries)
