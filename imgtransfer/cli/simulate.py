@@ -98,7 +98,8 @@ def run(args: argparse.Namespace) -> None:
     sources = [path for path in args.sources if path not in configs]
     _check_used(args, sequences=bool(sorted_sources(sources)[1]))
     say = as_setting if args.template is None else as_flag
-    tasks = plan(config, sources, frames=args.frames, clips=args.clip, say=say)
+    named = str(configs[0]) if configs else "simulate"
+    tasks = plan(config, sources, frames=args.frames, clips=args.clip, say=say, source=named)
     rejected = simulate(tasks, args.out, executor=executor)
     print(f"{len(tasks) - len(rejected)} of {len(tasks)} clips stand, {len(rejected)} rejected")
     for name, reason in rejected.items():

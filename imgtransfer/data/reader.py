@@ -15,7 +15,7 @@ from imgtransfer.data.clip import REQUIRED, Clip, check_clip_npz, clip_parts, wi
 from imgtransfer.data.clip_checks import check_arrays
 from imgtransfer.data.metadata import ClipAttributes, read_arrays
 from imgtransfer.data.place import METADATA, Place
-from imgtransfer.data.schema import ARRAYS, NEVER_ZERO, PER_FRAME, REQUIRED_ARRAYS
+from imgtransfer.data.schema import ARRAYS, NEVER_ZERO, PER_FRAME, REQUIRED_ARRAYS, zero_frame
 from render import InputError
 from render.npz import open_npz
 
@@ -202,10 +202,8 @@ class StoredReader:
         except Exception as error:  # a damaged chunk makes decoders raise whatever they meet
             raise self._damaged(key, error) from error
         # Version 1 did not tell lost chunks from zeros; a mesh has no frame of zeros.
-        if key in NEVER_ZERO:
-            frames = values if key in PER_FRAME else values[None]
-            if not frames.any(axis=tuple(range(1, frames.ndim))).all():
-                raise self._damaged(key, ValueError("it reads as zeros: chunks are missing"))
+        if key in NEVER_ZERO and zero_frame(key, values) is not None:
+            raise self._damaged(key, ValueError("it reads as zeros: chunks are missing"))
         return values
 
     @property

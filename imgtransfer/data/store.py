@@ -17,11 +17,13 @@ from imgtransfer.data.reader import StoredReader
 from imgtransfer.data.schema import (
     ARRAYS,
     FORMAT,
+    NEVER_ZERO,
     PER_FRAME,
     SCHEMA_VERSION,
     check_name,
     is_plain,
     versions,
+    zero_frame,
 )
 from imgtransfer.data.texture_files import store_textures
 from render import InputError
@@ -210,6 +212,11 @@ class DataSet:
         if not self.place.exists(garment):  # for other readers of Zarr
             self.place.write(garment, group_metadata({}))
         arrays = {key: np.asarray(getattr(clip, key)) for key in ARRAYS if getattr(clip, key) is not None}
+        for key in NEVER_ZERO:
+            if key in arrays and (lost := zero_frame(key, arrays[key])) is not None:
+                raise InputError(
+                    f"{name}: {key}: frame {lost} is all zeros, which is no mesh; nothing is written"
+                )
         info = {
             key: store_textures(text, self._keep) if key == "mtl" else text for key, text in clip.info.items()
         }

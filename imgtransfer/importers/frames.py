@@ -14,6 +14,7 @@ from imgtransfer.importers.caches import SUFFIXES as CACHES
 from imgtransfer.importers.caches import read_cache
 from imgtransfer.importers.files import natural, natural_sort
 from render import InputError, Mesh, load_mesh
+from render.files import check_regular
 from render.limits import FARTHEST_IN_FILES
 
 MESHES = (".obj", ".ply", ".glb")
@@ -75,6 +76,7 @@ def _vertices_and_rest(file: Path) -> tuple[np.ndarray | None, str]:
     """
     if file.suffix.lower() != ".obj":
         return None, ""
+    check_regular(file, "a mesh file")
     lines = file.read_text(errors="replace").splitlines()
     places = [line.split()[1:4] for line in lines if line.startswith("v ")]
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from imgtransfer.importers.caches import SUFFIXES as CACHES
 from imgtransfer.importers.frames import MESHES, frame_files
 from imgtransfer.importers.job import Options
 from render import InputError
+from render.files import check_regular
 from render.meshio import SUFFIXES as SINGLE
 
 
@@ -72,8 +74,8 @@ def moving_in(folder: Path, what: str) -> Path | None:
     if (folder / what).is_dir():
         return folder / what
     for suffix in CACHES:
-        if (folder / f"{what}{suffix}").is_file():
-            return folder / f"{what}{suffix}"
+        if _there(cache := folder / f"{what}{suffix}", "a point cache"):
+            return cache
     for suffix in MESHES:
         if any(folder.glob(f"{what}*[0-9]{suffix}")):
             return folder / f"{what}*[0-9]{suffix}"
@@ -83,7 +85,15 @@ def moving_in(folder: Path, what: str) -> Path | None:
 def _single(folder: Path, what: str) -> Path | None:
     """A mesh file of this name in the folder, or in the one above."""
     places = [place / f"{what}{suffix}" for place in (folder, folder.resolve().parent) for suffix in SINGLE]
-    return next((place for place in places if place.is_file()), None)
+    return next((place for place in places if _there(place, "a mesh file")), None)
+
+
+def _there(path: Path, wanted: str) -> bool:
+    """Whether there is such a file; InputError for anything else of that name, which nobody would be told of."""
+    if not os.path.lexists(path):
+        return False
+    check_regular(path, wanted)
+    return True
 
 
 def check_frames(source: Source) -> None:

@@ -33,6 +33,7 @@ def plan(
     frames: int | None = None,
     clips: Sequence[str] | None = None,
     say: Say = as_setting,
+    source: str = "simulate",
 ) -> list[Task]:
     """The clips that a configuration, motion files and body mesh sequences (or folders of them) ask for.
 
@@ -44,6 +45,7 @@ def plan(
         frames: keep only so many frames of each.
         clips: glob patterns of the names of clips to take; None takes all.
         say: how messages name a setting of the garment's mesh and its value.
+        source: what messages call the configuration.
 
     Raises:
         InputError: nothing to simulate, or nothing that `clips` name, two clips of one name, files that cannot be
@@ -61,8 +63,8 @@ def plan(
     tasks.sort(key=lambda task: (task.name.partition("/")[0], task.config.body.title))
     if not tasks:
         raise InputError(
-            "nothing to simulate: list clips in the configuration, or give motion files, body mesh sequences or "
-            "folders of them"
+            f"{source}: nothing to simulate: list clips in the configuration, or give motion files, body mesh "
+            "sequences or folders of them"
         )
     return tasks
 
