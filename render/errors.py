@@ -6,13 +6,13 @@ import re
 
 # Control codes (a terminal acts on them), line ends of every kind, and marks that turn the direction of writing.
 _UNSHOWN = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
-_LONGEST = 1400  # characters
+_LONGEST, _END = 1400, 500  # characters, and how many of them are of the end, where the reason often stands
 
 
 def one_line(text: object) -> str:
     """Text that may come from anybody's file, for the terminal: in one line, no control codes, not endless."""
     shown = _UNSHOWN.sub(" ", str(text)).strip()
-    return shown if len(shown) <= _LONGEST else f"{shown[:_LONGEST]} ..."
+    return shown if len(shown) <= _LONGEST else f"{shown[: _LONGEST - _END]} ... {shown[-_END:]}"
 
 
 class InputError(ValueError):

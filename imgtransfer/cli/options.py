@@ -130,7 +130,7 @@ def image_size(text: str) -> tuple[int, int]:
     lengths = [whole_number(part) or 0 for part in parts]
     if len(parts) > 2 or not all(1 <= length <= MAX_LENGTH for length in lengths):
         raise InputError(
-            f"--size {shortened(text)}: a number of pixels is wanted, such as 256, or HEIGHTxWIDTH; "
+            f"--size {text}: a number of pixels is wanted, such as 256, or HEIGHTxWIDTH; "
             f"at most {MAX_LENGTH} pixels a side"
         )
     return lengths[0], lengths[-1]

@@ -55,6 +55,8 @@ def run_demo(out: Path, config: RunConfig, pretrained: Path, length: Length | No
     longer = load_model(pretrained)
     for case in cases:
         longer.check_garment(case.truth)
+    out.mkdir(parents=True, exist_ok=True)
+    for case in cases:
         case.vertices["lbs"] = lbs_baseline(case.truth)
     _deform(cases, longer, PRETRAINED)
     for case in cases:

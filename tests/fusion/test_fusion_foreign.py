@@ -261,7 +261,7 @@ MISTAKES = {
     "pin out of range": (
         lambda f: (f / "p.txt").write_text("544"),
         ("--pins", "p.txt"),
-        "vertex 544, but the template has 0..543",
+        "p.txt: vertex 544 is wanted, but the garment has 0..543",
     ),
     "erode below 0": (lambda f: None, ("--erode", "-1"), "--erode -1"),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from imgtransfer.evaluation.metrics import METRICS, evaluate_clip
 from imgtransfer.report.__main__ import main
 from imgtransfer.report.demo import CHECKPOINT, DEMO_CONFIG, SAMPLE_DATA, run_demo
 from imgtransfer.report.demo_case import METHODS
+from imgtransfer.report.demo_training import Length, trained
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import RunConfig, load_config, parse_config
 from imgtransfer.training.loop import train
@@ -54,7 +56,17 @@ def finished(
 ) -> tuple[Path, dict[str, dict[str, float]]]:
     out = tmp_path_factory.mktemp("demo-output")
     pretrained = train(config, tmp_path_factory.mktemp("pretrained") / "run")
-    return out, run_demo(out, config, pretrained)
+
+    def after_the_first_page(*args: Any) -> Path:
+        assert set(json.loads((out / "metrics.json").read_text())) == {"lbs", "fused_pretrained"}
+        page = (out / "report.html").read_text()
+        assert "is being trained" in page
+        assert page.count("data:image/png;base64,") == 1 + 1 + 1  # overview, meshes, maps of one model
+        return trained(*args)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("imgtransfer.report.demo.trained", after_the_first_page)
+        return out, run_demo(out, config, pretrained)
 
 
 def test_metrics_have_one_entry_a_method_with_exactly_the_metrics(
@@ -92,10 +104,45 @@ def test_everything_the_demo_promises_is_there(finished: tuple[Path, dict[str, d
 def test_a_second_run_trains_nothing_again(
     finished: tuple[Path, dict[str, dict[str, float]]], config: RunConfig
 ) -> None:
-    out, metrics = finished
-    log = (out / "run" / "log.jsonl").read_text()
-    assert run_demo(out, config, out / "run" / "model.safetensors") == metrics
+    out, _ = finished
+    log, model = (out / "run" / "log.jsonl").read_text(), (out / "run" / "model.safetensors").read_bytes()
+    assert trained(out, config, Length()).read_bytes() == model
     assert (out / "run" / "log.jsonl").read_text() == log
+
+
+def test_a_longer_training_goes_on_and_a_shorter_one_begins_anew(config: RunConfig, tmp_path: Path) -> None:
+    def steps() -> list[int]:
+        return [json.loads(line)["step"] for line in (tmp_path / "run/log.jsonl").read_text().splitlines()]
+
+    trained(tmp_path, config, Length(steps=2))
+    first = (tmp_path / "run/log.jsonl").read_text()
+    trained(tmp_path, config, Length(steps=3))
+    assert steps() == [0, 1, 2, 3]
+    assert (tmp_path / "run/log.jsonl").read_text().startswith(first)
+    trained(tmp_path, config, Length(steps=1))
+    assert steps() == [0, 1]
+
+
+def test_minutes_are_turned_into_steps_once(config: RunConfig, tmp_path: Path) -> None:
+    trained(tmp_path, config, Length(minutes=1e-4))
+    known = json.loads((tmp_path / "length.json").read_text())
+    assert known["minutes"] == 1e-4
+    (tmp_path / "length.json").write_text(json.dumps(known | {"steps": 5}))
+    trained(tmp_path, config, Length(minutes=1e-4))
+    assert load_config(tmp_path / "run/config.yaml").training.steps == 5
+
+
+@pytest.mark.parametrize(
+    ("length", "message"),
+    [
+        ({"steps": 0}, "--steps 0: a whole number from 1"),
+        ({"minutes": float("nan")}, "--minutes nan: a number of minutes above 0"),
+        ({"minutes": 1.0, "steps": 2}, "give one of them"),
+    ],
+)
+def test_lengths_without_sense_are_refused(length: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Length(**length)
 
 
 def test_deform_keeps_the_garment_out_of_the_body_and_ignores_the_truth(

@@ -144,7 +144,9 @@ def test_textures_are_kept_with_a_data_set_and_a_clip_file(tmp_path):
     (beside,) = (tmp_path / "file/textures").glob("*/*")
     assert load_clip(tmp_path / "file/clip.npz").info["mtl"] == look(beside)
     assert main(["import", str(tmp_path / "moved"), "--to", str(tmp_path / "new")]) == 0
-    assert main(["export", str(tmp_path / "new"), "tube/bend", "--out", str(tmp_path / "frames")]) == 0
+    assert (
+        main(["export", str(tmp_path / "new"), "--clip", "tube/bend", "--out", str(tmp_path / "frames")]) == 0
+    )
     assert (tmp_path / "frames/my-weave.png").read_bytes() == PNG
 
 
@@ -160,9 +162,9 @@ def test_a_data_set_does_not_lead_to_images_elsewhere(private, capsys):
         stored["attributes"]["info"]["mtl"] = look(path)
         file.write_text(json.dumps(stored))
         out = private.parent / f"frames{number}"
-        assert main(["export", str(folder), "tube/bend", "--out", str(out)]) == 0
+        assert main(["export", str(folder), "--clip", "tube/bend", "--out", str(out)]) == 0
         assert not [*out.glob("*.png")]
         assert ".png; put them beside the written files" in capsys.readouterr().err
         glb = private.parent / f"{number}.glb"
-        assert main(["export", str(folder), "tube/bend", "--out", str(glb)]) == 0
+        assert main(["export", str(folder), "--clip", "tube/bend", "--out", str(glb)]) == 0
         assert PNG not in glb.read_bytes()
