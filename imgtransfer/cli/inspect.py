@@ -218,6 +218,9 @@ def _maps(source: Path) -> None:
 def _checkpoint(source: Path) -> None:
     from safetensors import SafetensorError, safe_open  # noqa: PLC0415
 
+    from render.files import check_regular  # noqa: PLC0415
+
+    check_regular(source, "a model that `imgtransfer train` wrote")
     try:
         with safe_open(source, framework="numpy") as stored:
             shapes = {name: stored.get_slice(name) for name in stored.keys()}  # noqa: SIM118 - not a dictionary

@@ -12,10 +12,10 @@ import numpy as np
 
 from imgtransfer.data.arrays import StoredArray
 from imgtransfer.data.clip import REQUIRED, Clip, check_clip_npz, clip_parts, with_found_textures
-from imgtransfer.data.clip_checks import check_arrays
+from imgtransfer.data.clip_checks import check_arrays, zero_frame
 from imgtransfer.data.metadata import ClipAttributes, read_arrays
 from imgtransfer.data.place import METADATA, Place
-from imgtransfer.data.schema import ARRAYS, NEVER_ZERO, PER_FRAME, REQUIRED_ARRAYS, zero_frame
+from imgtransfer.data.schema import ARRAYS, NEVER_ZERO, PER_FRAME, REQUIRED_ARRAYS
 from render import InputError
 from render.npz import open_npz
 
@@ -202,7 +202,7 @@ class StoredReader:
         except Exception as error:  # a damaged chunk makes decoders raise whatever they meet
             raise self._damaged(key, error) from error
         # Version 1 did not tell lost chunks from zeros; a mesh has no frame of zeros.
-        if key in NEVER_ZERO and zero_frame(key, values) is not None:
+        if key in NEVER_ZERO and zero_frame(values if key in PER_FRAME else values[None]) is not None:
             raise self._damaged(key, ValueError("it reads as zeros: chunks are missing"))
         return values
 

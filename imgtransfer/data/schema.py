@@ -7,8 +7,6 @@ import re
 from importlib.metadata import version
 from typing import Any
 
-import numpy as np
-
 from imgtransfer.data.clip import PER_FRAME, SKINNING, SURFACE
 from render import InputError
 
@@ -30,13 +28,6 @@ NEVER_ZERO = (
 def is_plain(name: str) -> bool:
     """Whether a text can be a clip's name: "<garment>/<clip>", nothing that means another folder to a file system."""
     return re.fullmatch(r"[\w-][\w.-]*/[\w-][\w.-]*", name) is not None
-
-
-def zero_frame(key: str, values: np.ndarray) -> int | None:
-    """The first frame of an array in which all is 0, counted from 0; None where there is none."""
-    frames = values if key in PER_FRAME else values[None]
-    lost = np.flatnonzero(~frames.any(axis=tuple(range(1, frames.ndim))))
-    return int(lost[0]) if len(lost) else None
 
 
 def check_name(name: str, split: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from imgtransfer.data.arrays import write_array
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_checks import zero_frame
 from imgtransfer.data.metadata import ClipAttributes, Rejection, parsed, read_clips, read_root, validated
 from imgtransfer.data.place import METADATA, Place, group_metadata, place_at
 from imgtransfer.data.reader import StoredReader
@@ -23,7 +24,6 @@ from imgtransfer.data.schema import (
     check_name,
     is_plain,
     versions,
-    zero_frame,
 )
 from imgtransfer.data.texture_files import store_textures
 from render import InputError
@@ -213,7 +213,9 @@ class DataSet:
             self.place.write(garment, group_metadata({}))
         arrays = {key: np.asarray(getattr(clip, key)) for key in ARRAYS if getattr(clip, key) is not None}
         for key in NEVER_ZERO:
-            if key in arrays and (lost := zero_frame(key, arrays[key])) is not None:
+            if key not in arrays:
+                continue
+            if (lost := zero_frame(arrays[key] if key in PER_FRAME else arrays[key][None])) is not None:
                 raise InputError(
                     f"{name}: {key}: frame {lost} is all zeros, which is no mesh; nothing is written"
                 )

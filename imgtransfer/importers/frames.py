@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from imgtransfer.data.clip_checks import zero_frame
 from imgtransfer.importers.caches import SUFFIXES as CACHES
 from imgtransfer.importers.caches import read_cache
 from imgtransfer.importers.files import natural, natural_sort
@@ -93,6 +94,8 @@ def _from_cache(source: Path, topology: Mesh | None) -> MovingMesh:
             f"{source}: a point cache has no triangles; give the mesh that it moves (OBJ or PLY) with it"
         )
     cache = read_cache(source)
+    if (lost := zero_frame(cache.vertices)) is not None:
+        raise InputError(f"{source}: all points of frame {lost} are 0, which is no mesh; export it again")
     if cache.vertices.shape[1] != len(topology.vertices):
         raise InputError(
             f"{source}: {cache.vertices.shape[1]} points a frame, but {topology.source} has "

@@ -19,6 +19,7 @@ from bad_inputs.case import Case
 # Waiting for a processor that others have is neither.
 SECONDS, FIRST_SECONDS = 20.0, 90.0
 _STILL = 10.0  # seconds without work after which a process is taken to wait
+_LONGEST = 120.0  # seconds in all, whatever a process does meanwhile
 MEMORY = 2 * 2**30  # bytes
 _SHOWN = "always::RuntimeWarning,always::UserWarning"  # each time: a process runs many cases
 _TESTS = Path(__file__).parents[1]
@@ -151,6 +152,8 @@ class _Watch:
             return f"no answer after {self._seconds:.0f} s of work"
         if now - self._started > self._seconds and now - self._moved > _STILL:
             return f"no answer and no work for {_STILL:.0f} s"
+        if now - self._started > _LONGEST:
+            return f"no answer for {_LONGEST:.0f} s"
         return ""
 
 
