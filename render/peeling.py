@@ -42,7 +42,12 @@ class NearestLayers:
         centre = np.stack([pixel % width, pixel // width], axis=1) + 0.5
         # Steps are counted from the camera's far side on: larger is nearer.
         depth = np.round(self._faces.reciprocal_depth(index, centre) * self._scale).astype(np.int64)
-        touched = np.unique(pixel)
+        seen = np.zeros(self._index.shape[1], bool)
+        seen[pixel] = True
+        touched = np.flatnonzero(seen)
+        if layers == 1 and len(touched) == len(pixel):
+            self._replace_nearest(pixel, index, depth)
+            return
         known = self._index[:, touched]
         layer, place = np.nonzero(known >= 0)
         pixel = np.concatenate([pixel, touched[place]])
@@ -55,6 +60,13 @@ class NearestLayers:
         kept = rank < layers
         self._index[rank[kept], pixel[kept]] = index[kept]
         self._depth[rank[kept], pixel[kept]] = depth[kept]
+
+    def _replace_nearest(self, pixel: np.ndarray, index: np.ndarray, depth: np.ndarray) -> None:
+        """`add` for one layer and pixels that differ, which needs no sorting."""
+        known, known_depth = self._index[0, pixel], self._depth[0, pixel]
+        nearer = (known < 0) | (depth > known_depth) | ((depth == known_depth) & (index < known))
+        self._index[0, pixel[nearer]] = index[nearer]
+        self._depth[0, pixel[nearer]] = depth[nearer]
 
     @property
     def face_id(self) -> np.ndarray:

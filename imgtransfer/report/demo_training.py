@@ -9,6 +9,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from tqdm import tqdm
+
 from imgtransfer.training.checkpoint import STATE_FILE, STATE_FORMAT, read_tensors
 from imgtransfer.training.config import RunConfig, load_config
 from imgtransfer.training.loop import train
@@ -77,9 +79,7 @@ def _goes_on(folder: Path, config: RunConfig) -> bool:
 def _tell(seconds: float) -> None:
     say_remaining(seconds)
     if seconds > 60 * LONG_MINUTES:
-        print(
-            "for a shorter one: Ctrl-C, then   scripts/demo --minutes 10   (or --steps 100)", file=sys.stderr
-        )
+        tqdm.write("for a shorter one: Ctrl-C, then   scripts/demo --minutes 10", file=sys.stderr)
 
 
 def _with_length(out: Path, config: RunConfig, length: Length) -> RunConfig:

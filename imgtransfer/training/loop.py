@@ -74,8 +74,7 @@ def _steps(trainer: Trainer, out: Path, tell: Callable[[float], None]) -> None:
         remaining = Remaining(options.steps - trainer.step, tell)
         while trainer.step < options.steps and not stop:
             entry: dict[str, Any] = trainer.train_step()
-            with bar.external_write_mode(file=sys.stderr):
-                remaining.step()
+            remaining.step()
             last = trainer.step == options.steps
             if last or trainer.step % options.validate_every_steps == 0:
                 measured = trainer.validate()

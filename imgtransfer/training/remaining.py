@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from tqdm import tqdm
+
 _FIRST, _MEASURED = 2, 4  # steps that warm up, and steps that are timed
 
 
@@ -36,8 +38,8 @@ class Remaining:
 
 
 def say_remaining(seconds: float) -> None:
-    """Print the time on stderr."""
-    print(f"training takes about {duration(seconds)} on this machine", file=sys.stderr)
+    """Print the time on stderr, above a bar that is there."""
+    tqdm.write(f"training takes about {duration(seconds)} on this machine", file=sys.stderr)
 
 
 def duration(seconds: float) -> str:
