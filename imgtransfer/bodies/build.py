@@ -23,7 +23,7 @@ from imgtransfer.bodies.bake import phenotype_basis
 from imgtransfer.bodies.retarget import BONES
 from imgtransfer.cli.main import exit_status
 from imgtransfer.extras import check_installed, optional
-from render.files import written_whole
+from render.npz_writer import write_npz
 
 SKIN_VERTICES = 13348  # of the default topology; tongue and eyes come after them
 EDGE_LENGTH = 0.024  # metres
@@ -69,8 +69,7 @@ def build(folder: Path) -> None:
 
 
 def _save(path: Path, **arrays: np.ndarray) -> None:
-    with written_whole(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, licence=np.array(_LICENCE), **arrays)
+    write_npz(path, {"licence": np.array(_LICENCE), **arrays})
 
 
 def _skin_weights(model: Any) -> np.ndarray:

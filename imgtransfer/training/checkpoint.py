@@ -17,6 +17,7 @@ from torch import Tensor
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
 from imgtransfer.network.room import least_weights
 from render import InputError, Mesh, PositionBox
+from render.errors import said_by
 from render.files import check_regular, written_whole
 from render.mesh import check_finite
 
@@ -81,7 +82,7 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
         body = _mesh(tensors, "body", path) if "body_vertices" in tensors else None
     # pydantic's ValidationError is a ValueError
     except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
-        raise InputError(f"{path}: not a model that this version can read ({_line(error)})") from error
+        raise InputError(f"{path}: not a model that this version can read ({said_by(error)})") from error
     _check_shapes(network, maps, tensors, path)
     model = TransferModel(maps=maps, network=network, template=template, box=box, body=body)
     load_weights(model, tensors, path)
@@ -143,7 +144,7 @@ def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -
     try:
         model.load_state_dict(weights, strict=True)
     except RuntimeError as error:
-        raise InputError(f"{path}: the weights are of another architecture ({_line(error)})") from error
+        raise InputError(f"{path}: the weights are of another architecture ({said_by(error)})") from error
 
 
 def optimizer_state(
@@ -183,7 +184,7 @@ def write_tensors(path: str | Path, tensors: dict[str, Tensor], header: dict[str
         with written_whole(Path(path)) as temporary:
             save_file(whole, temporary, metadata={"imgtransfer": json.dumps(header)})
     except SafetensorError as error:  # instead of an OSError
-        raise InputError(f"{path}: cannot be written ({_line(error)})") from error
+        raise InputError(f"{path}: cannot be written ({said_by(error)})") from error
     return Path(path)
 
 
@@ -201,16 +202,10 @@ def read_tensors(path: Path, wanted: str) -> tuple[dict[str, Tensor], dict[str, 
         header = json.loads(metadata.get("imgtransfer", "{}"))
     # A header may be nested without end, and name types that PyTorch has none of.
     except (SafetensorError, OSError, ValueError, TypeError, KeyError, RuntimeError, MemoryError) as error:
-        raise InputError(f"{path}: not a readable safetensors file ({_line(error)})") from error
+        raise InputError(f"{path}: not a readable safetensors file ({said_by(error)})") from error
     header = header if isinstance(header, dict) else {}
     found = (header.get("format"), header.get("format_version"))
     if found[0] != wanted or found[1] not in READABLE_VERSIONS:
         versions = " or ".join(map(str, READABLE_VERSIONS))
         raise InputError(f"{path}: {wanted} version {versions} wanted, found {found[0]} version {found[1]}")
     return tensors, header
-
-
-def _line(error: Exception) -> str:
-    """The error on one line, cut where a list of weights would run on."""
-    text = " ".join(str(error).split())
-    return text if len(text) <= 200 else text[:200] + " ..."
