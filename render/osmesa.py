@@ -12,6 +12,8 @@ import subprocess
 import sys
 from typing import Any
 
+# What `_crash` runs; without this folder in Python's path, whose operator.py would hide Python's own.
+_TRIAL = ("-P", __file__)
 _LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
 # GL/osmesa.h and GL/gl.h
 _FORMAT, _RGBA, _UNSIGNED_BYTE = 0x22, 0x1908, 0x1401
@@ -67,7 +69,7 @@ def _crash() -> str | None:
     """
     if __name__ == "__main__" or not sys.executable:
         return None
-    tried = subprocess.run([sys.executable, __file__], capture_output=True, check=False)
+    tried = subprocess.run([sys.executable, *_TRIAL], capture_output=True, check=False)
     return f"libOSMesa crashes (signal {-tried.returncode})" if tried.returncode < 0 else None
 
 

@@ -5,7 +5,7 @@ import textwrap
 import pytest
 
 from render.context import GL_BACKENDS, GLUnavailableError, open_context, probe_backends
-from render.osmesa import OSMesaContext
+from render.osmesa import _TRIAL, OSMesaContext
 
 
 def run_python(code, *arguments):
@@ -112,3 +112,10 @@ def test_osmesa_may_be_released_twice():
     assert context.load("glClear") != 0
     context.release()
     context.release()
+
+
+@pytest.mark.osmesa
+def test_the_trial_of_osmesa_needs_nothing_but_python():
+    """Python's `operator` is not loaded yet without the site's modules, and this package has one of that name."""
+    tried = subprocess.run([sys.executable, "-S", *_TRIAL], capture_output=True, text=True, check=False)
+    assert (tried.returncode, tried.stderr) == (0, "")
