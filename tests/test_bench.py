@@ -99,7 +99,12 @@ BENCHES = {
 }
 
 
-@pytest.mark.parametrize("name", BENCHES)
+SLOW = ("memory", "training")  # each starts processes that load everything anew
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) if name in SLOW else name for name in BENCHES]
+)
 def test_a_quick_run_prints_its_numbers_as_json(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     bench = BENCHES[name]
     measuring.command(bench.__doc__, bench.measure, ["--quick", "--json"])

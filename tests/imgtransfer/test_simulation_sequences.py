@@ -166,6 +166,7 @@ def test_a_second_run_keeps_what_stands_and_names_what_was_made_otherwise(made, 
     assert [file.stat().st_mtime_ns for file in files] == before
 
 
+@pytest.mark.long  # as test_simulation_run.py has it for bodies that a skeleton moves
 def test_two_workers_make_the_same(made):
     assert main([*command(made, "bodies", out="two.zarr"), "--workers", "2"]) == 0
     one, two = (DataSet.open(made / name) for name in ("set.zarr", "two.zarr"))
