@@ -8,9 +8,9 @@ import numpy as np
 import torch
 
 from render.errors import InputError
-from render.imager import TemplateImager
 from render.limits import FARTHEST
-from render.mesh import Mesh, check_faces, check_finite
+from render.maps.imager import TemplateImager
+from render.mesh.mesh import Mesh, check_faces, check_finite
 
 Array = np.ndarray | torch.Tensor
 

@@ -9,7 +9,7 @@ from typing import Protocol
 import torch
 
 from fusion.config import FusionConfig
-from fusion.sdf import Obstacle
+from fusion.obstacles.sdf import Obstacle
 
 CENTIMETRES = 100.0  # in a metre; the unit of lengths that the weights are made for
 Terms = dict[str, torch.Tensor]  # by name, one value a frame: (..., T)

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import torch
 
+from fusion.batches import Piece, Pipeline, frames_at_once, usable_threads
 from fusion.config import FusionConfig
 from fusion.inputs import FusionInputs
 from fusion.parallel import one_torch_thread
-from fusion.pipeline import Piece, Pipeline, frames_at_once, usable_threads
-from fusion.statistics import Statistics
+from fusion.report import Statistics
 from fusion.stopwatch import Stopwatch
-from render.imager import TemplateImager
+from render.maps.imager import TemplateImager
 from render.threads import one_blas_thread
 
 #: Given how many frames make a batch, all frames in order, so many at a time; the last batch may be smaller.

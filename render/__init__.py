@@ -8,24 +8,24 @@ from render.errors import InputError as InputError
 if TYPE_CHECKING:
     from render.cameras import Camera as Camera
     from render.cameras import frame_cameras as frame_cameras
-    from render.coverage import Coverage as Coverage
-    from render.encoding import PositionBox as PositionBox
-    from render.encoding import decode_normals as decode_normals
-    from render.encoding import encode_normals as encode_normals
-    from render.imager import TemplateImager as TemplateImager
-    from render.map_reader import load_maps as load_maps
-    from render.map_reader import open_maps as open_maps
-    from render.map_writer import save_maps as save_maps
-    from render.map_writer import written_maps as written_maps
-    from render.mapfile import MapFile as MapFile
-    from render.mesh import Mesh as Mesh
-    from render.mesh import vertex_normals as vertex_normals
-    from render.meshio import load_mesh as load_mesh
-    from render.operator import MapOperator as MapOperator
+    from render.files.mesh_files import load_mesh as load_mesh
+    from render.maps.coverage import Coverage as Coverage
+    from render.maps.encoding import PositionBox as PositionBox
+    from render.maps.encoding import decode_normals as decode_normals
+    from render.maps.encoding import encode_normals as encode_normals
+    from render.maps.imager import TemplateImager as TemplateImager
+    from render.maps.map_file import MapFile as MapFile
+    from render.maps.map_reader import load_maps as load_maps
+    from render.maps.map_reader import open_maps as open_maps
+    from render.maps.map_writer import save_maps as save_maps
+    from render.maps.map_writer import written_maps as written_maps
+    from render.maps.operator import MapOperator as MapOperator
+    from render.mesh.mesh import Mesh as Mesh
+    from render.mesh.mesh import vertex_normals as vertex_normals
     from render.pictures import contact_sheet as contact_sheet
     from render.pictures import write_png as write_png
-    from render.raster import Raster as Raster
-    from render.raster import rasterize as rasterize
+    from render.raster.raster import Raster as Raster
+    from render.raster.raster import rasterize as rasterize
     from render.views import View as View
     from render.views import parse_views as parse_views
 
@@ -36,33 +36,33 @@ _MODULES = {
         "Camera",
         "frame_cameras",
     ),
-    "coverage": ("Coverage",),
-    "encoding": (
+    "maps.coverage": ("Coverage",),
+    "maps.encoding": (
         "PositionBox",
         "decode_normals",
         "encode_normals",
     ),
-    "imager": ("TemplateImager",),
-    "map_reader": (
+    "maps.imager": ("TemplateImager",),
+    "maps.map_reader": (
         "load_maps",
         "open_maps",
     ),
-    "map_writer": (
+    "maps.map_writer": (
         "save_maps",
         "written_maps",
     ),
-    "mapfile": ("MapFile",),
-    "mesh": (
+    "maps.map_file": ("MapFile",),
+    "mesh.mesh": (
         "Mesh",
         "vertex_normals",
     ),
-    "meshio": ("load_mesh",),
-    "operator": ("MapOperator",),
+    "files.mesh_files": ("load_mesh",),
+    "maps.operator": ("MapOperator",),
     "pictures": (
         "contact_sheet",
         "write_png",
     ),
-    "raster": (
+    "raster.raster": (
         "Raster",
         "rasterize",
     ),

@@ -10,7 +10,7 @@ import numpy as np
 
 from render.errors import InputError
 from render.limits import MAX_LAYERS
-from render.mesh import Mesh
+from render.mesh.mesh import Mesh
 from render.views import View, ViewsSpec, parse_views
 
 _LARGEST = 1e6  # in a camera's matrices: metres, and pixels a tangent
@@ -152,7 +152,7 @@ def frame_cameras(
         raise InputError(f"{template.source}: all vertices are at one point, there is nothing to look at")
     tangent, parsed = math.tan(math.radians(fov_degrees) / 2), parse_views(views)
     if any(view.elevation is None for view in parsed):
-        from render.elevations import choose_elevations  # noqa: PLC0415 - it needs cameras itself
+        from render.framing import choose_elevations  # noqa: PLC0415 - it needs cameras itself
 
         parsed = choose_elevations(
             template, parsed, lambda view: _frame(template, view, (256, 256), tangent, margin)

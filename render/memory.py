@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from render.errors import InputError
-from render.npz import available_bytes
+from render.files.npz import available_bytes
 
 
 def check_memory(needed: int, what: str) -> None:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from render.errors import InputError
-from render.files import written_whole
+from render.files.atomic import written_whole
 
 _WHITE, _BLACK = 255, (0, 0, 0)
 _FONT, _FONT_SCALE, _LINE = cv2.FONT_HERSHEY_SIMPLEX, 0.4, 20  # a line of text takes 20 pixels

@@ -27,7 +27,7 @@ class View:
 
     Args:
         azimuth: degrees about the vertical, in (-180, 180]: 0 is the front, 90 the person's left.
-        elevation: degrees above the horizontal, -90 to 90; None leaves it to `render.elevations` to choose for a
+        elevation: degrees above the horizontal, -90 to 90; None leaves it to `render.framing` to choose for a
             template.
     """
 

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-from render.context import probe_backends
-
-sys.path.insert(0, str(Path(__file__).parent / "imgtransfer"))
+from render.raster.context import probe_backends
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

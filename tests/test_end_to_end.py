@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_store import assert_same_clip
 
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import load_clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.evaluation.metrics import METRICS
 from render import load_maps
+from tests.helpers.clips import assert_same_clip
 
 FRAMES, STEPS, SIZE = 10, 20, 64
 CLIP = "tshirt/twist_s1"

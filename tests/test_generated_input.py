@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from bad_inputs.case import Case
-from bad_inputs.cases import ORDINARY, cases, ordinary
-from bad_inputs.good import write_good
-from bad_inputs.supervisor import Supervisor
-from bad_inputs.verdict import faults
+
+from tests.bad_inputs.case import Case
+from tests.bad_inputs.cases import ORDINARY, cases, ordinary
+from tests.bad_inputs.good import write_good
+from tests.bad_inputs.supervisor import Supervisor
+from tests.bad_inputs.verdict import faults
 
 NAMES = ordinary()
 

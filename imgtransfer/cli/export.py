@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> None:
 def _write_frames(folder: Path, reader: Reader, kind: MeshKind, step: int) -> None:
     from imgtransfer.data.mesh_output import MeshFrames  # noqa: PLC0415
     from render import Mesh  # noqa: PLC0415
-    from render.files import written_whole_folder  # noqa: PLC0415
+    from render.files.atomic import written_whole_folder  # noqa: PLC0415
 
     if folder.exists():
         raise InputError(f"--out {folder}: exists already; give the name of a new folder")

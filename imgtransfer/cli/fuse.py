@@ -17,7 +17,7 @@ from imgtransfer.cli.options import (
     clip_name,
     refuse_twice,
 )
-from imgtransfer.predictions import (
+from imgtransfer.pipeline.folder import (
     FUSED_FILE,
     HISTORY_FILE,
     MAPS_FILE,
@@ -31,7 +31,7 @@ from render import InputError
 from render.limits import MAX_LENGTH
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.fusing import Given, Ways
+    from imgtransfer.pipeline.fuse import Given, Ways
 
 # Options of the form with --maps.
 SINGLE = ("out", "template", "initial", "body", "under", "pins", *OF_AXES, *OF_GARMENT_AXES, "weld")
@@ -129,8 +129,8 @@ def _add_single(group: argparse._ArgumentGroup) -> None:
 def run(args: argparse.Namespace) -> None:
     """Fuse one map file, or every clip of a prediction."""
     from fusion.config import FusionConfig  # noqa: PLC0415
-    from imgtransfer.config import load_config  # noqa: PLC0415
-    from imgtransfer.fusing import Ways  # noqa: PLC0415
+    from imgtransfer.config.loader import load_config  # noqa: PLC0415
+    from imgtransfer.pipeline.fuse import Ways  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
 
     _check_form(args)
@@ -200,7 +200,7 @@ def _fuse_file(args: argparse.Namespace, ways: Ways) -> None:
     """Fuse --maps; the folder --out appears whole or not at all."""
     from imgtransfer.cli.fuse_files import given_files  # noqa: PLC0415
     from imgtransfer.report.fusion_history import fusion_table  # noqa: PLC0415
-    from render.files import written_whole_folder  # noqa: PLC0415
+    from render.files.atomic import written_whole_folder  # noqa: PLC0415
 
     check_replaceable(args.out, "--out")
     given = given_files(args)
@@ -225,8 +225,8 @@ class _Task:
 
 def _fuse_predicted(task: _Task) -> str:
     """Fuse one clip's folder, unless that was done with these settings since it was predicted; a line about it."""
-    from imgtransfer.fusing import Given, fused_as, meshes_of  # noqa: PLC0415
-    from imgtransfer.moving import open_moving  # noqa: PLC0415
+    from imgtransfer.pipeline.fuse import Given, fused_as, meshes_of  # noqa: PLC0415
+    from imgtransfer.pipeline.moving import open_moving  # noqa: PLC0415
 
     folder, args, ways = task.folder, task.args, task.ways
     maps, target = folder / MAPS_FILE, folder / FUSED_FILE
@@ -244,7 +244,7 @@ def _fused(path: Path, folder: Path, given: Given, args: argparse.Namespace, way
     """Fuse one map file into a folder, with a bar; the report."""
     from tqdm import tqdm  # noqa: PLC0415
 
-    from imgtransfer.fusing import fuse_into  # noqa: PLC0415
+    from imgtransfer.pipeline.fuse import fuse_into  # noqa: PLC0415
     from imgtransfer.running import in_worker  # noqa: PLC0415
     from render import open_maps  # noqa: PLC0415
 

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from imgtransfer.cli.mesh_options import check_axes_used, chosen_axes
-from imgtransfer.fusing import Given
-from imgtransfer.importers.weld import Welded, weld, weld_motion
-from imgtransfer.moving import Moved, Moving, Pins, is_meshes, load_pins, open_moving
+from imgtransfer.importers.checks.weld import Welded, weld, weld_motion
+from imgtransfer.pipeline.fuse import Given
+from imgtransfer.pipeline.moving import Moved, Moving, Pins, is_meshes, load_pins, open_moving
 from render import InputError, load_mesh
 
 

@@ -163,9 +163,9 @@ def _jobs(args: argparse.Namespace, kind: str, paths: list[Path], options: Optio
         if kind != "clips" and not path.exists():
             raise InputError(f"{path}: no such file or folder; wanted is {FORMATS[kind]}")
     if args.garment_frames is None:
-        return importlib.import_module(f"imgtransfer.importers.{kind}").jobs(paths, options)
+        return importlib.import_module(f"imgtransfer.importers.formats.{kind}").jobs(paths, options)
+    from imgtransfer.importers.formats.meshes import job_of  # noqa: PLC0415
     from imgtransfer.importers.mesh_files import Source  # noqa: PLC0415
-    from imgtransfer.importers.meshes import job_of  # noqa: PLC0415
 
     garment, body = Path(args.garment_frames), Path(args.body_frames)
     name = garment.resolve().parent.name if garment.stem.startswith("garment") else garment.stem

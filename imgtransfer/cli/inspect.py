@@ -187,7 +187,7 @@ def _coverage(clips: Iterable[Clip], args: argparse.Namespace) -> None:
 
 
 def _is_map_file(source: Path) -> bool:
-    from render.npz import open_npz  # noqa: PLC0415
+    from render.files.npz import open_npz  # noqa: PLC0415
 
     if source.suffix != ".npz" or source.is_dir():
         return False
@@ -218,7 +218,7 @@ def _maps(source: Path) -> None:
 def _checkpoint(source: Path) -> None:
     from safetensors import SafetensorError, safe_open  # noqa: PLC0415
 
-    from render.files import check_regular  # noqa: PLC0415
+    from render.files.atomic import check_regular  # noqa: PLC0415
 
     check_regular(source, "a model that `imgtransfer train` wrote")
     try:

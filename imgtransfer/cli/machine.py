@@ -6,7 +6,7 @@ import os
 import platform
 from pathlib import Path
 
-from imgtransfer.waiting import waiting_in_words
+from imgtransfer.running.waiting import waiting_in_words
 
 CPU_INFO = Path("/proc/cpuinfo")
 UNITS = {  # flag of /proc/cpuinfo -> what people call it

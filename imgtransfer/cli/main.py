@@ -9,9 +9,9 @@ import sys
 from collections.abc import Callable, Sequence
 
 from imgtransfer.cli.parser import Parser
-from imgtransfer.memory import shortage
-from imgtransfer.stopping import Terminated, sigterm_as_interrupt
-from imgtransfer.waiting import wait_passively
+from imgtransfer.running.memory import shortage
+from imgtransfer.running.stopping import Terminated, sigterm_as_interrupt
+from imgtransfer.running.waiting import wait_passively
 from render import InputError
 from render.errors import one_line
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.importers.axes import Axes
+    from imgtransfer.importers.checks.axes import Axes
 
 
 OF_AXES = ("up", "facing", "unit", "scale")  # as `add_axes` calls them
@@ -36,7 +36,7 @@ def chosen_axes(args: argparse.Namespace) -> tuple[Axes, Axes | None]:
     Raises:
         InputError: an unknown axis or unit, or --unit with --scale.
     """
-    from imgtransfer.importers.axes import Axes, usual_facing  # noqa: PLC0415
+    from imgtransfer.importers.checks.axes import Axes, usual_facing  # noqa: PLC0415
 
     if args.unit is not None and args.scale is not None:
         raise InputError("--unit and --scale say the same; give one of them")
@@ -72,7 +72,7 @@ def check_axes_used(args: argparse.Namespace, *, body: bool, garment: bool, want
 
 
 def _metres(option: str, unit: str | None) -> float | None:
-    from imgtransfer.importers.axes import UNITS  # noqa: PLC0415
+    from imgtransfer.importers.checks.axes import UNITS  # noqa: PLC0415
 
     if unit is not None and unit not in UNITS:
         raise InputError(f"{option} {unit}: one of {', '.join(UNITS)} is wanted; or give --scale METRES")

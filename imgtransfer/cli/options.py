@@ -34,7 +34,7 @@ def add_clip_names(parser: argparse.ArgumentParser) -> None:
 
 
 def add_changes(parser: argparse.ArgumentParser, example: str) -> None:
-    """Add --set, which changes values of the command's configuration (`imgtransfer.config.with_changes`)."""
+    """Add --set, which changes values of the command's configuration (`imgtransfer.config.loader.with_changes`)."""
     parser.add_argument(
         "--set",
         action="append",

@@ -8,7 +8,7 @@ from pathlib import Path
 from shlex import join
 
 from imgtransfer.cli.options import add_clip_choice, add_runner, chosen_executor, chosen_refs, folder_name
-from imgtransfer.predictions import MAPS_FILE, POSITION_ONLY_FILE, check_replaceable
+from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE, check_replaceable
 from render import InputError
 
 
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
     from tqdm import tqdm  # noqa: PLC0415
 
     from imgtransfer.data.place import everywhere  # noqa: PLC0415
-    from imgtransfer.predicting import PredictTask, predict_clip  # noqa: PLC0415
+    from imgtransfer.pipeline.predict import PredictTask, predict_clip  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
     from imgtransfer.training.checkpoint import fingerprint, load_model  # noqa: PLC0415
 

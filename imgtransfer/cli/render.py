@@ -27,8 +27,8 @@ from render import InputError
 if TYPE_CHECKING:
     from imgtransfer.data.canonical import RootMode
     from imgtransfer.data.source import ClipRef
-    from imgtransfer.rendering.output import Options
-    from imgtransfer.rendering.scene import Scene
+    from imgtransfer.pipeline.render import Options
+    from imgtransfer.pipeline.scene import Scene
 
 MESH_OPTIONS = ("body", "body_template", "fps", *OF_AXES, *OF_GARMENT_AXES, "weld")  # only with --template
 
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> None:
     """Render everything that is asked for; the folder of each appears whole or not at all."""
     from tqdm import tqdm  # noqa: PLC0415
 
-    from imgtransfer.rendering.output import Options, render_scene  # noqa: PLC0415
+    from imgtransfer.pipeline.render import Options, render_scene  # noqa: PLC0415
 
     options = Options(
         size=image_size(args.size),
@@ -129,7 +129,7 @@ def _scenes(args: argparse.Namespace) -> Iterator[tuple[Scene, Scene | None]]:
     if given:
         raise InputError(f"{', '.join(given)}: only for plain meshes, together with --template")
     _check_no_meshes(args.source)
-    from imgtransfer.rendering.scene import clip_scene  # noqa: PLC0415
+    from imgtransfer.pipeline.scene import clip_scene  # noqa: PLC0415
 
     refs = chosen_refs(args, args.source)
     others = {} if args.against is None else _others(args.against, refs)
@@ -153,7 +153,7 @@ def _others(source: str, refs: Sequence[ClipRef]) -> dict[str, ClipRef]:
 
 
 def _meshes(args: argparse.Namespace, frames: str) -> Scene:
-    from imgtransfer.rendering.scene import mesh_scene  # noqa: PLC0415
+    from imgtransfer.pipeline.scene import mesh_scene  # noqa: PLC0415
     from render.limits import check_rate  # noqa: PLC0415
 
     if args.split is not None or args.clip is not None:
@@ -187,7 +187,7 @@ def _cut(args: argparse.Namespace, scene: Scene) -> Scene:
 
 def _check_no_meshes(source: str) -> None:
     """Meshes without --template would be taken for a broken clip."""
-    from render.meshio import SUFFIXES  # noqa: PLC0415
+    from render.files.mesh_files import SUFFIXES  # noqa: PLC0415
 
     path = Path(source)
     found = [path, *(path.iterdir() if path.is_dir() else ())]

@@ -80,13 +80,13 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Simulate, and say where the data set is."""
-    from imgtransfer.extras import check_installed  # noqa: PLC0415
-    from imgtransfer.importers.findings import as_flag  # noqa: PLC0415
-    from imgtransfer.importers.template import as_setting  # noqa: PLC0415
+    from imgtransfer.importers.checks.findings import as_flag  # noqa: PLC0415
+    from imgtransfer.importers.checks.template import as_setting  # noqa: PLC0415
+    from imgtransfer.running.extras import check_installed  # noqa: PLC0415
     from imgtransfer.simulation.config import load_config  # noqa: PLC0415
-    from imgtransfer.simulation.job import simulate  # noqa: PLC0415
-    from imgtransfer.simulation.plan import plan  # noqa: PLC0415
-    from imgtransfer.simulation.sources import sorted_sources  # noqa: PLC0415
+    from imgtransfer.simulation.planning.job import simulate  # noqa: PLC0415
+    from imgtransfer.simulation.planning.plan import plan  # noqa: PLC0415
+    from imgtransfer.simulation.planning.sources import sorted_sources  # noqa: PLC0415
 
     check_installed("simulate", "simulate", "newton", "gpytoolbox")
     executor = chosen_executor(args)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
-from render.mesh import check_finite
+from render.mesh.mesh import check_finite
 
 RootMode = Literal["root", "heading"]
 

@@ -12,13 +12,13 @@ import numpy as np
 from imgtransfer.data.clip_checks import INDICES, check_arrays, plain
 from imgtransfer.data.texture_files import store_textures
 from render import InputError, Mesh
-from render.files import written_whole
+from render.files.atomic import written_whole
+from render.files.npz import Npz, open_npz
+from render.files.npz_writer import NpzWriter
+from render.files.textures import with_full_paths
 from render.limits import ANGLES, FARTHEST, check_rate
-from render.mesh import check_faces, check_finite
-from render.npz import Npz, open_npz
-from render.npz_writer import NpzWriter
-from render.surface import Surface
-from render.textures import with_full_paths
+from render.mesh.mesh import check_faces, check_finite
+from render.mesh.surface import Surface
 
 REQUIRED = (
     "template_vertices",

@@ -14,13 +14,13 @@ from zarr.storage import LocalStore
 
 from imgtransfer.data.place import METADATA, METADATA_LIMIT, group_metadata
 from render import InputError
-from render.files import check_regular, written_whole, written_whole_folder
-from render.temporaries import clear_all, put_back
+from render.files.atomic import check_regular, written_whole, written_whole_folder
+from render.files.temporaries import clear_all, put_back
 
 
 @dataclass(frozen=True)
 class LocalPlace:
-    """A folder. A group is written beside its place and swapped for an earlier one, see `render.temporaries`."""
+    """A folder. A group is written beside its place and swapped for an earlier one, see `render.files.temporaries`."""
 
     root: Path
 

@@ -14,10 +14,10 @@ import numpy as np
 from imgtransfer.data.texture_files import bring_textures
 from render import InputError, Mesh
 from render.errors import one_line
-from render.files import written_whole_folder
-from render.mesh import check_finite
-from render.objfile import textures
-from render.surface import Surface, plain_surface
+from render.files.atomic import written_whole_folder
+from render.files.obj import textures
+from render.mesh.mesh import check_finite
+from render.mesh.surface import Surface, plain_surface
 
 MeshKind = Literal["obj", "ply"]
 LIBRARY = "materials.mtl"

@@ -17,7 +17,7 @@ from imgtransfer.data.metadata import ClipAttributes, read_arrays
 from imgtransfer.data.place import METADATA, Place
 from imgtransfer.data.schema import ARRAYS, NEVER_ZERO, PER_FRAME, REQUIRED_ARRAYS
 from render import InputError
-from render.npz import open_npz
+from render.files.npz import open_npz
 
 
 class Reader(Protocol):

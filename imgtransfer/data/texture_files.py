@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from render.textures import change_paths, is_image
+from render.files.textures import change_paths, is_image
 
 STORED = "textures"  # folder beside a clip npz, or in a data set
 
@@ -17,7 +17,7 @@ def bring_textures(mtl: str, folder: Path) -> tuple[str, list[str]]:
     """Copy the textures of a material library into a folder.
 
     Args:
-        mtl: the library's text, with full paths to textures as `render.textures` leaves them.
+        mtl: the library's text, with full paths to textures as `render.files.textures` leaves them.
         folder: that the library is written into; it is there.
 
     Returns:

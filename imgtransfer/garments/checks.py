@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.moving_mesh import warp_module
+from fusion.obstacles.bvh import warp_module
 from imgtransfer.garments.cutting import border_loops, components
-from render.mesh import Mesh
+from render.mesh.mesh import Mesh
 
 
 @dataclass(frozen=True)

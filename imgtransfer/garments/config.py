@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from imgtransfer.importers.axes import UNITS, Axes, usual_facing
+from imgtransfer.importers.checks.axes import UNITS, Axes, usual_facing
 from imgtransfer.importers.job import clip_name
 
 NAME = r"^[\w-][\w.-]*$"  # of a garment in a data set

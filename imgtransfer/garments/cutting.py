@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from render.mesh import Mesh
+from render.mesh.mesh import Mesh
 
 
 def cut_at_zero(mesh: Mesh, values: np.ndarray) -> Mesh:

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from fusion import BodySdf
 from imgtransfer.garments.cutting import largest_component
 from imgtransfer.garments.figure import ANGLES
-from render.mesh import Mesh
+from render.mesh.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)

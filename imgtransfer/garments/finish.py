@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.sparse import coo_matrix
 
-from imgtransfer.extras import optional
 from imgtransfer.garments.cutting import border_edges, cut_at_zero, largest_component, without_pinches
 from imgtransfer.garments.field import Field
-from render.mesh import Mesh
+from imgtransfer.running.extras import optional
+from render.mesh.mesh import Mesh
 
 Cut = Callable[[np.ndarray], np.ndarray]  # (N, 3) points -> (N,), positive where cloth is removed
 _REMESHINGS = 10

@@ -25,12 +25,12 @@ from imgtransfer.garments.figure import Figure
 from imgtransfer.garments.lower import lower_field, lower_garment, waistband
 from imgtransfer.garments.refit import refitted
 from imgtransfer.garments.upper import upper_field, upper_garment
-from imgtransfer.importers.axes import Axes
-from imgtransfer.importers.findings import Say
-from imgtransfer.importers.template import as_setting
-from imgtransfer.importers.template import load_template as place_template
+from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.importers.checks.findings import Say
+from imgtransfer.importers.checks.template import as_setting
+from imgtransfer.importers.checks.template import load_template as place_template
 from render import InputError
-from render.mesh import Mesh
+from render.mesh.mesh import Mesh
 from render.threads import one_blas_thread
 
 OPENINGS = {

@@ -10,7 +10,7 @@ from imgtransfer.garments.config import SkirtConfig, TrousersConfig
 from imgtransfer.garments.field import Field, body_distance, hanging, hull_distance
 from imgtransfer.garments.figure import Figure
 from imgtransfer.garments.finish import Cut, cut_surface
-from render.mesh import Mesh
+from render.mesh.mesh import Mesh
 
 _SKIRT_CELL, _TROUSERS_CELL = 0.01, 0.007  # metres, of the grid
 _BAND = 0.10  # metres below the waistband, where the full ease is reached

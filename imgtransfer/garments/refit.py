@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from imgtransfer.garments.field import Field
 from imgtransfer.garments.figure import Figure
 from imgtransfer.garments.finish import relaxed
-from render.mesh import Mesh
+from render.mesh.mesh import Mesh
 
 _NEIGHBOURS = 32  # of the skin's vertices, whose way from shape to shape a vertex of cloth follows
 _NEAR = 0.05  # metres; neighbours count by a Gaussian of this width beyond the nearest one

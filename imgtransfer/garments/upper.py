@@ -8,7 +8,7 @@ from imgtransfer.garments.config import DressConfig, TShirtConfig
 from imgtransfer.garments.field import Field, body_distance, hanging, hull_distance
 from imgtransfer.garments.figure import Figure
 from imgtransfer.garments.finish import Cut, cut_surface
-from render.mesh import Mesh
+from render.mesh.mesh import Mesh
 
 _CELL = 0.01  # metres, of the grid
 _PAST_SLEEVE = 0.08  # share of the arm that is kept behind the sleeve's end

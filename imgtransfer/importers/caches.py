@@ -19,7 +19,7 @@ import numpy as np
 from imgtransfer.importers.files import check_data_file
 from render import InputError
 from render.limits import FARTHEST_IN_FILES
-from render.mesh import check_finite
+from render.mesh.mesh import check_finite
 
 SUFFIXES = (".pc2", ".pc16", ".mdd")
 _PC2_HEADER = np.dtype(

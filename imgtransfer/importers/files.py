@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from render import InputError
-from render.files import check_regular
-from render.npz import available_bytes, open_npz, read_npy
+from render.files.atomic import check_regular
+from render.files.npz import available_bytes, open_npz, read_npy
 
 _MOST_ENTRIES = 10_000_000
 _LARGEST = 1e12  # beyond anything that a data set means, and its square is still a float32

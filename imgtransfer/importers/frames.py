@@ -15,7 +15,7 @@ from imgtransfer.importers.caches import SUFFIXES as CACHES
 from imgtransfer.importers.caches import read_cache
 from imgtransfer.importers.files import natural, natural_sort
 from render import InputError, Mesh, load_mesh
-from render.files import check_regular
+from render.files.atomic import check_regular
 from render.limits import FARTHEST_IN_FILES
 
 MESHES = (".obj", ".ply", ".glb")

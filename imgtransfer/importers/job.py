@@ -15,9 +15,9 @@ from tqdm import tqdm
 from imgtransfer.data.choice import choose
 from imgtransfer.data.clip import FLOATS, SKINNING, SURFACE, Clip
 from imgtransfer.data.store import DataSet, check_name
-from imgtransfer.importers.axes import Axes
+from imgtransfer.importers.checks.axes import Axes
 from render import InputError
-from render.textures import change_paths
+from render.files.textures import change_paths
 
 MARK = "imported"  # key of a clip's info: what it was imported from, and how
 

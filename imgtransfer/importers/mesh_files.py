@@ -10,8 +10,8 @@ from imgtransfer.importers.caches import SUFFIXES as CACHES
 from imgtransfer.importers.frames import MESHES, frame_files
 from imgtransfer.importers.job import Options
 from render import InputError
-from render.files import check_regular
-from render.meshio import SUFFIXES as SINGLE
+from render.files.atomic import check_regular
+from render.files.mesh_files import SUFFIXES as SINGLE
 
 
 @dataclass(frozen=True)

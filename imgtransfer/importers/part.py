@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from imgtransfer.importers.axes import Axes
 from imgtransfer.importers.caches import SUFFIXES as CACHES
+from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.importers.checks.weld import weld, weld_motion
 from imgtransfer.importers.frames import frame_files, read_moving_mesh
-from imgtransfer.importers.weld import weld, weld_motion
 from render import InputError, Mesh, load_mesh
-from render.mesh import check_finite
+from render.mesh.mesh import check_finite
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.importers.files import check_shape, load_arrays
-from imgtransfer.importers.model_pickles import load_model_pickle
+from imgtransfer.importers.pickles.smpl_models import load_model_pickle
 from render import InputError
-from render.mesh import check_faces
+from render.mesh.mesh import check_faces
 
 KEYS = ("v_template", "shapedirs", "posedirs", "J_regressor", "weights", "kintree_table", "f")
 GENDERS = ("female", "male", "neutral")

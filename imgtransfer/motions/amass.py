@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from imgtransfer.bodies.smpl import JOINTS
 from imgtransfer.motions.motion import Motion, of_file, resample
 from render import InputError
-from render.npz import open_npz
+from render.files.npz import open_npz
 
 BODY_COLUMNS = 3 * len(JOINTS)
 

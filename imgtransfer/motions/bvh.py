@@ -10,10 +10,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import JOINTS, PARENTS, local_poses, segment_direction
-from imgtransfer.extras import optional
 from imgtransfer.motions.bvh_text import check_bvh
 from imgtransfer.motions.motion import Motion, of_file, resample
 from imgtransfer.motions.skeletons import named_joints
+from imgtransfer.running.extras import optional
 from render import InputError
 
 LEG_LENGTH = 0.8  # metres, to which every skeleton is scaled; units of BVH files are anybody's guess

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from render import InputError
-from render.files import check_regular
+from render.files.atomic import check_regular
 
 DEEPEST = 200  # joints from the root to a hand's last finger are about 15; each level is a call of the reader
 LARGEST = 1e9  # of an offset, an angle or a place, in whatever unit the file has

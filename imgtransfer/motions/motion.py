@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from imgtransfer.bodies.smpl import JOINTS, global_rotations, local_poses, segment_direction
 from render import InputError
 from render.limits import ANGLES, check_rate
-from render.mesh import check_finite
+from render.mesh.mesh import check_finite
 
 MOST_FRAMES = 200_000  # that a motion is resampled to; nearly two hours
 

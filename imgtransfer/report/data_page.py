@@ -19,7 +19,7 @@ from imgtransfer.report.html import page
 from imgtransfer.report.pictures import CLOTH, SKIN, Surface, mesh_picture, picture_camera
 from imgtransfer.report.svg import line_plot
 from render import InputError
-from render.files import written_whole
+from render.files.atomic import written_whole
 from render.pictures import contact_sheet
 
 MANY = 60  # clips, from which on each gets fewer and smaller pictures

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from render.objfile import textures
-from render.surface import Surface
-from render.textures import is_image
+from render.files.obj import textures
+from render.files.textures import is_image
+from render.mesh.surface import Surface
 
 _MIME = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}  # what glTF 2.0 admits
 

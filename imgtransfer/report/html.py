@@ -13,7 +13,7 @@ import numpy as np
 
 from imgtransfer.evaluation.metrics import METRICS
 from imgtransfer.evaluation.table import HEADINGS, metric_cells
-from render.files import written_whole
+from render.files.atomic import written_whole
 from render.pictures import to_uint8
 
 _STYLE = """

@@ -10,7 +10,7 @@ import numpy as np
 
 from imgtransfer.training.log import read_entries
 from render import InputError
-from render.files import check_regular
+from render.files.atomic import check_regular
 
 Curves = dict[str, tuple[list[float], list[float]]]
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from imgtransfer.extras import optional
+from imgtransfer.running.extras import optional
 from imgtransfer.running.task import WORKER_VARIABLE, Outcome, attempt, call_packed, pack
 from render import InputError
 

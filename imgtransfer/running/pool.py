@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, TypeVar
 
 from imgtransfer.running.task import Outcome, attempt, call_packed, pack
-from imgtransfer.waiting import passive_waiting
+from imgtransfer.running.waiting import passive_waiting
 
 T = TypeVar("T")
 R = TypeVar("R")

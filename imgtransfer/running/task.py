@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
-from imgtransfer.memory import shortage
+from imgtransfer.running.memory import shortage
 from render import InputError
 from render.threads import one_blas_thread
 

@@ -10,15 +10,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from imgtransfer import config
 from imgtransfer.bodies.config import AnnyConfig, BodyConfig
+from imgtransfer.config import loader as config
 from imgtransfer.garments.config import GarmentConfig, MeshFile, TShirtConfig
 from imgtransfer.motions.amass import UpAxis
 from imgtransfer.motions.check import PATH_SPEED, TURNING
 from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
-from imgtransfer.simulation.fabrics import FABRICS, Fabric
+from imgtransfer.simulation.cloth.fabrics import FABRICS, Fabric
 from render.limits import FASTEST, SLOWEST
 
 _COTTON = FABRICS["cotton"]

@@ -9,9 +9,9 @@ import torch
 from scipy.ndimage import median_filter
 
 from fusion import BodySdf
+from imgtransfer.simulation.cloth.crossings import crossings
 from imgtransfer.simulation.config import GateConfig
-from imgtransfer.simulation.crossings import crossings
-from render.mesh import Mesh
+from render.mesh.mesh import Mesh
 
 CLEARANCE = 0.001  # metres; where vertices that ended inside the body are put, in front of its surface
 _SLOW_CLOTH = 0.5  # m/s; changes of energy below it are no spike

@@ -12,13 +12,13 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig, TemplateConfig
 from imgtransfer.motions.motion import Motion
+from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
+from imgtransfer.simulation.body_motion.dressed_body import Movement, Worn, settled
+from imgtransfer.simulation.body_motion.skinned import SkinnedMovement
+from imgtransfer.simulation.body_motion.unskinned import MeshMovement
+from imgtransfer.simulation.cloth.substeps import step_count
 from imgtransfer.simulation.config import SimulateConfig, SolverConfig
-from imgtransfer.simulation.mesh_movement import MeshMovement
 from imgtransfer.simulation.quality import Quality, faults, measure, push_out
-from imgtransfer.simulation.sequence import MeshSequence
-from imgtransfer.simulation.skinned_movement import SkinnedMovement
-from imgtransfer.simulation.substeps import step_count
-from imgtransfer.simulation.worn import Movement, Worn, settled
 from render import InputError
 from render.threads import one_blas_thread
 

@@ -15,11 +15,11 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
-from imgtransfer.network.room import least_weights
+from imgtransfer.network.least_size import least_weights
 from render import InputError, Mesh, PositionBox
 from render.errors import said_by
-from render.files import check_regular, written_whole
-from render.mesh import check_finite
+from render.files.atomic import check_regular, written_whole
+from render.mesh.mesh import check_finite
 
 MODEL_FILE, STATE_FILE = "model.safetensors", "state.safetensors"
 MODEL_FORMAT, STATE_FORMAT, FORMAT_VERSION = "imgtransfer-model", "imgtransfer-training-state", 2

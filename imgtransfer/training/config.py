@@ -11,7 +11,7 @@ from typing import Any, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
-from imgtransfer import config
+from imgtransfer.config import loader as config
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from render.files import check_regular, errors_naming, written_whole
+from render.files.atomic import check_regular, errors_naming, written_whole
 
 LOG_FILE = "log.jsonl"
 

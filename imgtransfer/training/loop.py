@@ -10,7 +10,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from imgtransfer.stopping import stop_between_steps
+from imgtransfer.running.stopping import stop_between_steps
 from imgtransfer.training.checkpoint import MODEL_FILE
 from imgtransfer.training.config import RunConfig, to_yaml
 from imgtransfer.training.log import LOG_FILE, log_from
@@ -18,7 +18,7 @@ from imgtransfer.training.remaining import Remaining, say_remaining
 from imgtransfer.training.run_folder import CONFIG_FILE, check_steps, only_trainer, state_to_resume
 from imgtransfer.training.trainer import Trainer
 from render import InputError
-from render.files import written_whole
+from render.files.atomic import written_whole
 from render.threads import one_blas_thread
 
 SAVE_SECONDS = 600.0  # between checkpoints at most: a slow machine reaches its first only after long

@@ -10,8 +10,8 @@ from torch import Tensor, nn
 
 from imgtransfer.data.source import clip_refs
 from imgtransfer.network import TransferModel, masked_l1
+from imgtransfer.network.least_size import check_room
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
-from imgtransfer.network.room import check_room
 from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
     MODEL_FILE,

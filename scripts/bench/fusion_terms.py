@@ -29,12 +29,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from fusion import FusionConfig, fuse_maps
 from imgtransfer.cli.options import clip_name
-from imgtransfer.config import load_config
+from imgtransfer.config.loader import load_config
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import open_clips
 from imgtransfer.evaluation.metrics import evaluate_clip, mean_over_frames
-from imgtransfer.predictions import MAPS_FILE, predicted_clips
+from imgtransfer.pipeline.folder import MAPS_FILE, predicted_clips
 from render import InputError, MapFile, TemplateImager, load_maps
 
 SOLVERS = ("local_global", "adam")

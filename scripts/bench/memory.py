@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from imgtransfer.data.clip import Clip, written_clip
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
-from imgtransfer.predictions import MAPS_FILE
+from imgtransfer.pipeline.folder import MAPS_FILE
 from imgtransfer.training.checkpoint import save_model
 from render import Mesh, PositionBox
 from scripts.bench import shapes

@@ -17,9 +17,9 @@ from pathlib import Path
 # This folder's own render.py must not hide the package.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from imgtransfer.running.waiting import CHOSEN_BY
 from imgtransfer.training.config import load_config
 from imgtransfer.training.trainer import Trainer
-from imgtransfer.waiting import CHOSEN_BY
 from scripts.bench.measuring import interleaved
 
 # What OpenMP does if not told otherwise is to spin for a while, which is what a neighbour makes expensive.

@@ -28,7 +28,7 @@ import torch
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from render import Camera, Mesh, PositionBox, TemplateImager, encode_normals, rasterize
-from render.context import GL_BACKENDS, GLContext, GLUnavailableError, open_context
+from render.raster.context import GL_BACKENDS, GLContext, GLUnavailableError, open_context
 from scripts.bench import cloth
 from scripts.bench.measuring import Results, command, interleaved
 

@@ -32,9 +32,9 @@ from imgtransfer.bodies.skinned import BonePoses
 from imgtransfer.garments.config import TShirtConfig
 from imgtransfer.garments.garment import make_garment
 from imgtransfer.motions.library import make_motion
-from imgtransfer.simulation.cloth import ClothOnBody
+from imgtransfer.simulation.cloth.model import ClothOnBody
+from imgtransfer.simulation.cloth.newton_descent import NewtonDescent
 from imgtransfer.simulation.config import ClothConfig, SimulateConfig, SolverConfig
-from imgtransfer.simulation.newton_descent import NewtonDescent
 from imgtransfer.simulation.quality import faults
 from imgtransfer.simulation.run import simulate_clip
 from scripts.bench.measuring import Results, command

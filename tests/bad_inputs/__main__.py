@@ -9,13 +9,12 @@ import tempfile
 from fnmatch import fnmatch
 from pathlib import Path
 
-_TESTS = Path(__file__).resolve().parents[1]
-sys.path[:1] = [str(_TESTS), str(_TESTS / "imgtransfer"), str(_TESTS.parent)]
+sys.path[0] = str(Path(__file__).resolve().parents[2])
 
-from bad_inputs.cases import SEED, cases, ordinary  # noqa: E402 - after the path is set
-from bad_inputs.good import write_good  # noqa: E402
-from bad_inputs.supervisor import Supervisor  # noqa: E402
-from bad_inputs.verdict import faults  # noqa: E402
+from tests.bad_inputs.cases import SEED, cases, ordinary  # noqa: E402 - after the path is set
+from tests.bad_inputs.good import write_good  # noqa: E402
+from tests.bad_inputs.supervisor import Supervisor  # noqa: E402
+from tests.bad_inputs.verdict import faults  # noqa: E402
 
 
 def main() -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 
-from bad_inputs.case import Case
+from tests.bad_inputs.case import Case
 
 # Command lines, of which the last words are to be named in the message; good files are at hand.
 LINES: dict[str, tuple[str, str]] = {

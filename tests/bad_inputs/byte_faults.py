@@ -7,7 +7,7 @@ import random
 import shutil
 from pathlib import Path
 
-from bad_inputs.case import Fault
+from tests.bad_inputs.case import Fault
 
 
 def _flip(path: Path, rng: random.Random) -> None:

@@ -7,17 +7,17 @@ import zlib
 from collections.abc import Iterable, Sequence
 from functools import cache
 
-from bad_inputs import byte_faults as bytes_
-from bad_inputs import image_faults as images
-from bad_inputs import json_faults as jsons
-from bad_inputs import npz_faults as npz
-from bad_inputs import pickle_faults as pickles
-from bad_inputs import readings as r
-from bad_inputs import text_faults as texts
-from bad_inputs.arguments import argument_cases
-from bad_inputs.case import Case, Fault, Reading, case_of
-from bad_inputs.settings import setting_cases
-from bad_inputs.special import special_cases
+from tests.bad_inputs import byte_faults as bytes_
+from tests.bad_inputs import image_faults as images
+from tests.bad_inputs import json_faults as jsons
+from tests.bad_inputs import npz_faults as npz
+from tests.bad_inputs import pickle_faults as pickles
+from tests.bad_inputs import readings as r
+from tests.bad_inputs import text_faults as texts
+from tests.bad_inputs.arguments import argument_cases
+from tests.bad_inputs.case import Case, Fault, Reading, case_of
+from tests.bad_inputs.settings import setting_cases
+from tests.bad_inputs.special import special_cases
 
 SEED = 9
 ORDINARY = 70  # cases of the ordinary run

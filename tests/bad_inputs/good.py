@@ -9,11 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import synthetic
-from test_prediction import model_for
-from test_training import SMALL
 
-from bad_inputs.good_foreign import write_meshes, write_motions, write_public_sets
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.data.store import DataSet
@@ -21,6 +17,10 @@ from imgtransfer.training.checkpoint import save_model
 from imgtransfer.training.config import RunConfig, parse_config, to_yaml
 from imgtransfer.training.trainer import Trainer
 from render import load_maps, save_maps
+from tests.bad_inputs.good_foreign import write_meshes, write_motions, write_public_sets
+from tests.helpers import synthetic
+from tests.helpers.models import model_for
+from tests.helpers.training import SMALL
 
 FUSION = "edge_iterations: 4\nnormal_iterations: 2\n"
 SIMULATION = "clips: [{motion: walk, seconds: 0.2}]\n"

@@ -6,15 +6,23 @@ import pickle
 from pathlib import Path
 
 import numpy as np
-import test_motions_amass
-import test_motions_bvh
 import trimesh
-from import_examples import motion, tube_model, worn, write_mdd, write_model, write_obj, write_pc2
-from test_import_public import BETAS, FRAMES, vto_content, write_cloth3d, write_virtualbones
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.smpl import SmplModel, smpl_body
 from imgtransfer.motions.library import make_motion
+from tests.helpers.amass_files import write_amass
+from tests.helpers.bvh_files import NAMINGS, write_bvh
+from tests.helpers.import_examples import (
+    motion,
+    tube_model,
+    worn,
+    write_mdd,
+    write_model,
+    write_obj,
+    write_pc2,
+)
+from tests.helpers.public_sets import BETAS, FRAMES, vto_content, write_cloth3d, write_virtualbones
 
 MATERIALS = "newmtl cloth\nKd 0.8 0.1 0.1\nmap_Kd weave.png\n"
 
@@ -56,9 +64,9 @@ def _write_textured(path: Path, clip: Clip) -> None:
 
 def write_motions() -> None:
     """motion.npz in the style of AMASS, and motion.bvh."""
-    test_motions_amass.write(Path("motion.npz"))
+    write_amass(Path("motion.npz"))
     walk = make_motion("walk", seed=1, seconds=0.3)
-    test_motions_bvh.write(Path("motion.bvh"), walk, test_motions_bvh.NAMINGS["cmu"])
+    write_bvh(Path("motion.bvh"), walk, NAMINGS["cmu"])
 
 
 def write_public_sets() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bad_inputs.case import Fault
+from tests.bad_inputs.case import Fault
 
 _EYE = np.eye(3)
 ATTRIBUTES: dict[str, tuple[str, Any]] = {

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from bad_inputs.case import Fault
+from tests.bad_inputs.case import Fault
 
 DEEP = "[" * 100_000 + "]" * 100_000
 DIGITS = "9" * 5000  # Python converts no more than 4,300 by itself

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bad_inputs.case import Fault
+from tests.bad_inputs.case import Fault
 
 Change = Callable[[np.ndarray, random.Random], object]
 

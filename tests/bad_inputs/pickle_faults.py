@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import scipy.io
 
-from bad_inputs.case import Fault
-from bad_inputs.npz_faults import CHANGES, changed
+from tests.bad_inputs.case import Fault
+from tests.bad_inputs.npz_faults import CHANGES, changed
 
 
 class _Runs:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bad_inputs.case import Reading
+from tests.bad_inputs.case import Reading
 
 _OUT = "--out out"
 _SMPL = "--smpl smpl --to out"

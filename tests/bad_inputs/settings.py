@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
-from bad_inputs.case import Case
+from tests.bad_inputs.case import Case
 
 SETTINGS = (
     "training.steps=1e400", "training.steps=99999999999999999999", "training.steps=-1", "training.steps=²",

@@ -7,7 +7,7 @@ import random
 from collections.abc import Callable
 from pathlib import Path
 
-from bad_inputs.case import CONTENT, SECRET, Case
+from tests.bad_inputs.case import CONTENT, SECRET, Case
 
 
 def _renamed(names: dict[str, str]) -> Callable[[Path, random.Random], object]:

@@ -13,7 +13,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from bad_inputs.case import Case
+from tests.bad_inputs.case import Case
+from tests.helpers.paths import ROOT
 
 # Of work on a case, or of waiting for nothing; and of work on a process's first one, which imports and compiles.
 # Waiting for a processor that others have is neither.
@@ -22,7 +23,6 @@ _STILL = 10.0  # seconds without work after which a process is taken to wait
 _LONGEST = 120.0  # seconds in all, whatever a process does meanwhile
 MEMORY = 2 * 2**30  # bytes
 _SHOWN = "always::RuntimeWarning,always::UserWarning"  # each time: a process runs many cases
-_TESTS = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
@@ -113,9 +113,9 @@ class Supervisor:
         return told["status"], told
 
     def _start(self) -> None:
-        paths = [str(_TESTS), str(_TESTS / "imgtransfer"), str(_TESTS.parent)]
+        paths = [str(ROOT)]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONWARNINGS": _SHOWN}
-        argv = [sys.executable, "-m", "bad_inputs.worker"]
+        argv = [sys.executable, "-m", "tests.bad_inputs.worker"]
         self._process = subprocess.Popen(
             argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, cwd="/"
         )

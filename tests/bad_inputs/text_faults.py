@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from bad_inputs.case import Fault
+from tests.bad_inputs.case import Fault
 
 WORDS = {
     "nan": "nan",

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bad_inputs.case import CONTENT, Case
-from bad_inputs.supervisor import MEMORY, Answer
 from imgtransfer.data.store import DataSet
 from render import InputError
+from tests.bad_inputs.case import CONTENT, Case
+from tests.bad_inputs.supervisor import MEMORY, Answer
 
 _ERROR = re.compile(r"imgtransfer( [a-z]+)?: error: ")
 _CLASS = re.compile(r"\b[A-Z][a-zA-Z]*(Error|Exception|Warning)\b")

@@ -16,9 +16,9 @@ import traceback
 from pathlib import Path
 from typing import Any, TextIO
 
-from bad_inputs.case import Case
-from bad_inputs.cases import cases
 from imgtransfer.cli.main import main
+from tests.bad_inputs.case import Case
+from tests.bad_inputs.cases import cases
 
 
 def run(case: Case, folder: Path) -> dict[str, Any]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-import synthetic
 
 from imgtransfer.data.clip import Clip
+from tests.helpers import synthetic
 
 
 @pytest.fixture(scope="session")

@@ -13,13 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from synthetic import tube_clip
-from test_prediction import model_for
-from test_simulation_run import short
-from test_training import small_config
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from fusion import fuse
+from fusion import api as fuse
 from imgtransfer.bodies.anny import load_body
 from imgtransfer.bodies.shape import AnnyShape
 from imgtransfer.data.clip import save_clip
@@ -32,6 +28,10 @@ from imgtransfer.running import Outcome, Serial
 from imgtransfer.simulation.run import simulate_clip
 from imgtransfer.training.trainer import Trainer
 from render import Mesh, TemplateImager
+from tests.helpers.models import model_for
+from tests.helpers.simulations import short
+from tests.helpers.synthetic import tube_clip
+from tests.helpers.training import small_config
 
 COUNTS = (1, 2, 3)
 

@@ -1,0 +1,300 @@
+"""All that is constant over the frames of a fusion, and the solution of a batch of them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from queue import SimpleQueue
+
+import numpy as np
+import torch
+
+from fusion.config import FusionConfig
+from fusion.initialise import InitialWeights, Readings
+from fusion.inputs import FusionInputs
+from fusion.losses import anchor_share
+from fusion.obstacles.clearance import lift_clear
+from fusion.obstacles.layers import MovingObstacle, Obstacles, OuterSurface
+from fusion.obstacles.sdf import BodySdf, SdfQuery
+from fusion.parallel import be_one_of_many, n_threads
+from fusion.solvers.adam import AdamSolver
+from fusion.solvers.local_global import LocalGlobalSolver
+from fusion.solvers.pixel_faces import ShownFaces
+from fusion.stages import Minimum, Problem, Solver
+from fusion.stopwatch import Stopwatch
+from fusion.topology import Topology
+from render.maps.imager import TemplateImager
+from render.mesh.mesh import check_finite, safe_normalize
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One batch of frames, solved.
+
+    Args:
+        vertices, initial: (T, N, 3) float32, metres.
+        stages: what the solver found, by stage.
+        unseen: (T,) share of the vertices that were not read from the maps.
+        inside: (T,) share of the vertices below an obstacle's surface before and after the clean-up.
+    """
+
+    vertices: np.ndarray
+    initial: np.ndarray
+    stages: dict[str, Minimum]
+    unseen: np.ndarray
+    inside: tuple[np.ndarray, np.ndarray] | None
+
+
+def usable_threads(config: FusionConfig, device: torch.device, n_frames: int) -> int:
+    """Batches that are solved at the same time. Those of Adam, the reference, are solved one after the other."""
+    coupled = config.weight_temporal or config.warm_start
+    if config.solver == "adam" or coupled or device.type != "cpu":
+        return 1
+    return max(1, min(n_threads(), n_frames))
+
+
+def frames_at_once(config: FusionConfig, threads: int, n_frames: int) -> int:
+    """The size of a batch: all frames where they depend on each other, one where each awaits another."""
+    if config.weight_temporal:
+        return n_frames
+    if config.warm_start:
+        return 1
+    return min(config.batch_frames, -(-n_frames // threads))
+
+
+class Pipeline:
+    """From maps to vertices for one template, batch by batch.
+
+    Args:
+        imager: of the template.
+        inputs: of any frames: what is given at all, and the rest shape, whose geometry the losses and the solver know.
+        config: hyper-parameters.
+        device: computes.
+        threads: batches that are solved at the same time.
+        weighted: whether any pixel's confidence is not 1; without, confidences are not looked at.
+    """
+
+    def __init__(
+        self,
+        imager: TemplateImager,
+        inputs: FusionInputs,
+        config: FusionConfig,
+        device: torch.device,
+        *,
+        threads: int,
+        weighted: bool,
+    ) -> None:
+        self._config, self._device, self._threads, self._weighted = config, device, threads, weighted
+        self._topology = Topology(inputs.rest)
+        self._weights = InitialWeights(imager) if inputs.positions is not None else None
+        self._seen = torch.from_numpy(imager.visible.any(axis=0)).to(device)
+        self._shown = ShownFaces.of(imager.raster, self._topology)
+        self._fixed: torch.Tensor | None = None
+        if inputs.pinned is not None:
+            self._fixed = torch.zeros(len(imager.mesh.vertices), dtype=torch.bool, device=device)
+            self._fixed[inputs.pinned] = True
+        # An obstacle stands in one pose at a time: each thread takes one while it works.
+        self._obstacles: SimpleQueue[_Remembering | None] = SimpleQueue()
+        for _ in range(threads):
+            self._obstacles.put(_obstacle(inputs, config, device))
+        self._solver = self._make_solver(with_normals=inputs.normals is not None)
+        self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
+
+    def pieces(self, batches: Iterable[FusionInputs], watch: Stopwatch) -> Iterator[Piece]:
+        """All batches solved, in their order; over several threads where that helps.
+
+        No more batches are asked for than keep the threads busy.
+        """
+        if self._threads == 1:
+            yield from (self.solve(batch, watch) for batch in batches)
+            return
+        waiting: deque[Future[Piece]] = deque()
+        with ThreadPoolExecutor(self._threads, "fusion", initializer=be_one_of_many) as pool:
+            try:
+                for batch in batches:
+                    waiting.append(pool.submit(self.solve, batch, watch))
+                    if len(waiting) > self._threads:
+                        yield waiting.popleft().result()
+                while waiting:
+                    yield waiting.popleft().result()
+            finally:
+                pool.shutdown(cancel_futures=True)
+
+    def solve(self, batch: FusionInputs, watch: Stopwatch) -> Piece:
+        """Both stages and the clean-up of some frames."""
+        obstacle = self._obstacles.get()
+        try:
+            return self._solved(batch, watch, obstacle)
+        finally:
+            self._obstacles.put(obstacle)
+
+    def _solved(self, inputs: FusionInputs, watch: Stopwatch, obstacle: _Remembering | None) -> Piece:
+        stages: dict[str, Minimum] = {}
+        config = self._config
+        with watch.stage("start"):
+            readings = self._readings(inputs)
+            target, confidence = self._target(inputs)
+            if obstacle is not None:
+                obstacle.update(*(v for v in (inputs.body_vertices, inputs.under_vertices) if v is not None))
+        vertices = initial = readings.vertices
+        if inputs.positions is not None and _any_steps(config, "edge"):
+            share = anchor_share(
+                self._seen if readings.confidence is None else readings.seen, readings.confidence
+            )
+            problem = Problem(start=self._started("edge", initial), anchor=initial, share=share)
+            with watch.stage("edge"):
+                stages["edge"] = self._solver.edge_stage(problem)
+            vertices = self._kept("edge", initial, stages["edge"])
+        if _any_steps(config, "normal") and (target is not None or obstacle is not None):
+            problem = Problem(
+                start=self._started("normal", vertices),
+                anchor=vertices,
+                target=target,
+                confidence=confidence,
+                obstacle=obstacle,
+            )
+            with watch.stage("normal"):
+                stages["normal"] = self._solver.normal_stage(problem)
+            vertices = self._kept("normal", vertices, stages["normal"])
+        inside = None
+        if obstacle is not None:
+            with watch.stage("clearance"):
+                vertices, inside = self._cleared(vertices, obstacle)
+        unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
+        solved = _array(vertices)
+        check_finite(solved, "fuse: the result", first=inputs.first)
+        return Piece(solved, _array(initial), stages, unseen, inside)
+
+    def _make_solver(self, *, with_normals: bool) -> Solver:
+        config = self._config
+        if config.solver == "adam":
+            pixels = self._shown.product(self._topology.n_vertices) if with_normals else None
+            return AdamSolver(self._topology, config, pixels=pixels, fixed=self._fixed)
+        return LocalGlobalSolver(
+            self._topology, config, seen=self._seen, shown=self._shown, device=self._device, fixed=self._fixed
+        )
+
+    def _readings(self, inputs: FusionInputs) -> Readings:
+        """Vertices from the position maps, or those given; pinned ones where they are wanted."""
+        if self._weights is not None:
+            assert inputs.positions is not None
+            readings = self._weights.read(inputs.positions.to(self._device), self._confidence(inputs))
+        else:
+            assert inputs.initial is not None
+            vertices = inputs.initial.to(self._device)
+            readings = Readings(vertices, self._seen.expand(len(vertices), -1))
+        if inputs.pinned_positions is None:
+            return readings
+        pinned = readings.vertices.clone()
+        pinned[:, inputs.pinned] = inputs.pinned_positions.to(pinned)
+        return replace(readings, vertices=pinned)
+
+    def _confidence(self, inputs: FusionInputs) -> torch.Tensor | None:
+        """(T, S, H, W); None where all count alike."""
+        if not self._weighted or inputs.confidence is None:
+            return None
+        return inputs.confidence.to(self._device)
+
+    def _target(self, inputs: FusionInputs) -> tuple[torch.Tensor | None, torch.Tensor | None]:
+        """(T, P, 3) unit normals at the covered pixels, and their confidence (T, P).
+
+        A network's average of normals is shorter than 1.
+        """
+        places = self._shown.places
+        if inputs.normals is None:
+            return None, None
+        target = safe_normalize(inputs.normals.flatten(1, 3)[:, places].to(self._device))
+        confidence = self._confidence(inputs)
+        return target, None if confidence is None else confidence.flatten(1)[:, places]
+
+    def _started(self, stage: str, vertices: torch.Tensor) -> torch.Tensor:
+        """Where to start: `vertices`, moved as in the frame before for a warm start."""
+        change = self._changes.get(stage)
+        return vertices if change is None else vertices + change
+
+    def _kept(self, stage: str, before: torch.Tensor, found: Minimum) -> torch.Tensor:
+        """The stage's result; for a warm start, what it changed is kept for the next frame."""
+        if self._config.warm_start:
+            self._changes[stage] = found.vertices - before
+        return found.vertices
+
+    def _cleared(
+        self, vertices: torch.Tensor, obstacle: _Remembering
+    ) -> tuple[torch.Tensor, tuple[np.ndarray, np.ndarray]]:
+        """The vertices after the clean-up, and the shares inside (T,) before and after."""
+        before = obstacle.query(vertices).distance
+        cleared = lift_clear(
+            vertices,
+            obstacle,
+            self._topology,
+            clearance_m=self._config.clearance_m,
+            rounds=self._config.clearance_rounds,
+            fixed=self._fixed,
+        )
+        shares = [(distance < 0).float().mean(-1).cpu().numpy() for distance in (before, cleared.distance)]
+        return cleared.vertices, (shares[0], shares[1])
+
+
+class _Remembering:
+    """An obstacle that remembers its last answer: solver, report and clean-up ask about the same vertices."""
+
+    def __init__(self, obstacle: Obstacles) -> None:
+        self._obstacle = obstacle
+        self._last: tuple[torch.Tensor, SdfQuery] | None = None
+
+    def update(self, *vertices: torch.Tensor) -> None:
+        """As `Obstacles.update`."""
+        self._last = None
+        self._obstacle.update(*vertices)
+
+    def query(self, points: torch.Tensor) -> SdfQuery:
+        """As `Obstacles.query`."""
+        if (
+            self._last is None
+            or self._last[0].shape != points.shape
+            or not torch.equal(self._last[0], points)
+        ):
+            self._last = points.detach().clone(), self._obstacle.query(points)
+        return self._last[1]
+
+    def distance(self, points: torch.Tensor) -> torch.Tensor:
+        """As `Obstacles.distance`."""
+        return self._obstacle.distance(points)
+
+
+def _obstacle(inputs: FusionInputs, config: FusionConfig, device: torch.device) -> _Remembering | None:
+    """Body and garment beneath as one, None without either."""
+    parts: list[MovingObstacle] = []
+    if inputs.body_vertices is not None:
+        assert inputs.body_faces is not None
+        count = inputs.body_vertices.shape[1]
+        parts.append(BodySdf(inputs.body_faces, count, device=device, band_m=config.sdf_band_m))
+    if inputs.under_vertices is not None:
+        assert inputs.under_faces is not None
+        parts.append(
+            OuterSurface(
+                inputs.under_faces,
+                inputs.under_vertices.shape[1],
+                device=device,
+                offset_m=config.under_margin_m,
+                band_m=config.sdf_band_m,
+            )
+        )
+    return _Remembering(Obstacles(parts)) if parts else None
+
+
+def _any_steps(config: FusionConfig, stage: str) -> bool:
+    """Whether the chosen solver does anything in `stage`."""
+    steps = {
+        ("adam", "edge"): config.edge_steps,
+        ("adam", "normal"): config.normal_steps,
+        ("local_global", "edge"): config.edge_iterations,
+        ("local_global", "normal"): config.normal_iterations,
+    }
+    return steps[config.solver, stage] > 0
+
+
+def _array(vertices: torch.Tensor) -> np.ndarray:
+    return np.ascontiguousarray(vertices.cpu().numpy(), np.float32)

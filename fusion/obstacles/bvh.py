@@ -1,0 +1,198 @@
+"""A mesh that takes a new pose every frame, and Warp's search structure for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+
+from fusion.parallel import n_threads, run_all
+from fusion.warp_start import launch, warp_module
+from render import InputError
+from render.mesh.mesh import check_faces, check_finite
+
+_WORTH_A_THREAD = 2000  # points; for fewer, waking it costs more than it does
+_FARTHEST = 1e6  # metres; float32 points farther away have no use
+
+
+class MovingMesh:
+    """One pose of a mesh, or one pose a frame, for closest-point queries on Warp.
+
+    The search structure is built at the first `update` and refitted at later ones, since the faces never
+    change. Queries only read it and may run in several threads; `update` must not run beside them.
+
+    Args:
+        faces: (G, 3) integers.
+        n_vertices: B; vertices in no face do no harm.
+        device: a torch device, "cpu" or "cuda"; points must lie on it.
+        name: what error messages call the vertices and, with "_faces", the faces: "body" for body_vertices.
+        winding: whether winding numbers are asked for, which makes refitting about ten times as slow.
+
+    Raises:
+        InputError: faces of a wrong shape, or indices out of range.
+    """
+
+    def __init__(
+        self,
+        faces: np.ndarray | torch.Tensor,
+        n_vertices: int,
+        *,
+        device: str | torch.device,
+        name: str,
+        winding: bool = False,
+    ) -> None:
+        faces = np.asarray(faces.detach().cpu() if isinstance(faces, torch.Tensor) else faces)
+        check_faces(faces, n_vertices, f"{name}_faces")
+        self.faces = faces.astype(np.int64)
+        self.n_vertices = n_vertices
+        self.device = torch.device(device)
+        self._name, self._winding = name, winding
+        warp = warp_module()
+        self._warp_device = warp.device_from_torch(self.device)
+        self._indices = warp.array(faces.astype(np.int32).ravel(), dtype=warp.int32, device=self._warp_device)
+        self._meshes: list[Any] = []
+        self._ids: Any = None
+        self._batched = False
+
+    def update(self, vertices: np.ndarray | torch.Tensor) -> torch.Tensor:
+        """Move the mesh.
+
+        Args:
+            vertices: (B, 3), or (T, B, 3) for one pose a frame, metres.
+
+        Returns:
+            (T, B, 3) float32 on the device, T = 1 for a single pose.
+
+        Raises:
+            InputError: another shape, or a vertex that is not finite.
+        """
+        moved = torch.as_tensor(vertices).detach()
+        if moved.ndim not in (2, 3) or moved.shape[-2:] != (self.n_vertices, 3) or 0 in moved.shape:
+            raise InputError(
+                f"{self._name}_vertices must have shape ({self.n_vertices}, 3) or (frames, {self.n_vertices}, 3), "
+                f"found {tuple(moved.shape)}"
+            )
+        if not bool(torch.isfinite(moved).all()):
+            check_finite(moved.cpu().numpy(), f"{self._name}_vertices")
+        self._batched = moved.ndim == 3
+        frames = moved.to(self.device, torch.float32).reshape(-1, self.n_vertices, 3).contiguous()
+        with _torch_stream(self.device):
+            self._place(frames)
+        return frames
+
+    def _place(self, frames: torch.Tensor) -> None:
+        warp = warp_module()
+        poses = [warp.from_torch(frame, dtype=warp.vec3) for frame in frames]
+        for mesh, pose in zip(self._meshes, poses, strict=False):
+            warp.copy(mesh.points, pose)
+            mesh.refit()
+        if len(poses) == len(self._meshes):
+            return
+        for pose in poses[len(self._meshes) :]:
+            # Leaves of 2 faces: queries are 6 % faster than with Warp's 4, and refitting costs as much.
+            points = warp.clone(pose)
+            self._meshes.append(
+                warp.Mesh(points, self._indices, support_winding_number=self._winding, bvh_leaf_size=2)
+            )
+        del self._meshes[len(poses) :]
+        ids = np.array([mesh.id for mesh in self._meshes], np.uint64)
+        self._ids = warp.array(ids, dtype=warp.uint64, device=self._warp_device)
+
+    def points(self, points: torch.Tensor) -> torch.Tensor:
+        """Query points (..., 3), or (T, N, 3) with a pose per frame, as (P, 3) float32 on the device.
+
+        Raises:
+            InputError: no `update` came before, a wrong shape, or points that are not finite.
+        """
+        if self._ids is None:
+            raise InputError(
+                f"no pose of the {self._name} yet; call update({self._name}_vertices) before a query"
+            )
+        if points.ndim < 1 or points.shape[-1] != 3:
+            raise InputError(f"points must have shape (..., 3), found {tuple(points.shape)}")
+        if self._batched and (points.ndim != 3 or len(points) != len(self._meshes)):
+            raise InputError(
+                f"points must have shape ({len(self._meshes)}, N, 3), one frame a {self._name}, "
+                f"found {tuple(points.shape)}"
+            )
+        flat = points.detach().to(self.device, torch.float32).reshape(-1, 3).contiguous()
+        if not bool((flat.abs() < _FARTHEST).all()):
+            raise InputError("signed distance: points are not finite, or lie more than 1000 km away")
+        return flat
+
+    def launch(
+        self,
+        kernel: Any,
+        flat: torch.Tensor,
+        arguments: Sequence[Any],
+        results: Sequence[torch.Tensor] = (),
+        *,
+        count: int,
+    ) -> None:
+        """Run `kernel(meshes, points per pose, points, *arguments, *results)` on `count` threads.
+
+        Where every point has its thread, they are shared out over the CPU's cores; Warp itself uses one.
+
+        Args:
+            kernel: of `fusion.obstacles.sdf_kernels`.
+            flat: (P, 3), as `points` returned them.
+            arguments: numbers and contiguous tensors, which are read or filled in place.
+            results: (P, ...) contiguous tensors with a row a point, filled in place.
+            count: threads; with 0 nothing happens.
+        """
+        if not count:
+            return
+        poses, parts = len(self._meshes), 1
+        if count == len(flat) and self.device.type == "cpu":
+            parts = max(1, min(n_threads(), count // _WORTH_A_THREAD))
+        # Cut between poses; a single one anywhere.
+        ends = np.linspace(0, poses if poses > 1 else len(flat), parts + 1).round().astype(int)
+        ends *= len(flat) // poses if poses > 1 else 1
+        pieces = [
+            partial(self._launch, kernel, flat, arguments, results, count, slice(first, last))
+            for first, last in pairwise(ends.tolist())
+            if first < last
+        ]
+        run_all(pieces)
+
+    def _launch(  # noqa: PLR0917
+        self,
+        kernel: Any,
+        flat: torch.Tensor,
+        arguments: Sequence[Any],
+        results: Sequence[torch.Tensor],
+        count: int,
+        part: slice,
+    ) -> None:
+        """`launch` for some of the points, all of one pose or of whole poses."""
+        warp = warp_module()
+        converted = [
+            warp.from_torch(value) if isinstance(value, torch.Tensor) else value
+            for value in (*arguments, *(result[part] for result in results))
+        ]
+        per_pose = len(flat) // len(self._meshes)
+        ids = self._ids[part.start // per_pose : -(-part.stop // per_pose)]
+        points = warp.from_torch(flat[part], dtype=warp.vec3)
+        with _torch_stream(self.device):
+            launch(
+                kernel,
+                dim=min(count, len(points)),
+                inputs=[ids, per_pose, points, *converted],
+                device=self._warp_device,
+            )
+
+
+@contextmanager
+def _torch_stream(device: torch.device) -> Iterator[None]:
+    """Queue Warp's work on torch's stream, which keeps the order without waiting for the device."""
+    if device.type != "cuda":
+        yield
+        return
+    warp = warp_module()
+    with warp.ScopedStream(warp.stream_from_torch(torch.cuda.current_stream(device))):
+        yield

@@ -1,0 +1,155 @@
+"""The last clean-up: no vertex stays in the body, or below the garment beneath."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from fusion.obstacles.escape import Known, escape
+from fusion.obstacles.sdf import Obstacle
+from fusion.topology import Topology
+from render.mesh.mesh import safe_normalize
+
+# Share of a lifted vertex's way that its neighbours go along, so that a single lifted vertex makes no spike.
+_FOLLOW = 0.5
+# Metres more than asked for, so that rounding leaves no vertex a hair below.
+_MORE = 2e-6
+# Metres of depth up to which the first round lifts; the reach doubles with every round, and the last two have no limit.
+_REACH = 0.02
+# Edges of deep vertices are pulled to at most so many times their rest length, in so many sweeps a round.
+_STRETCH, _SWEEPS = 1.5, 10
+# Between two walls: metres that may be missing, and the longest way along their middle in multiples of that.
+_SQUEEZED, _LONGEST_WAY = 0.005, 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """What `lift_clear` did.
+
+    Args:
+        vertices: (T, N, 3), metres.
+        rounds: in which something was lifted.
+        queried: points that the obstacle was asked about, in multiples of T N.
+        escaped: (T, N) bool, vertices that no round got out and a search in all directions did.
+        remaining: (T, N) bool, vertices still nearer than the clearance: pinned, or shut in on all sides.
+        distance: (T, N) metres, signed distances at the end.
+    """
+
+    vertices: torch.Tensor
+    rounds: int
+    queried: float
+    escaped: torch.Tensor
+    remaining: torch.Tensor
+    distance: torch.Tensor
+
+
+def clear_body(
+    vertices: torch.Tensor,
+    sdf: Obstacle,
+    topology: Topology,
+    *,
+    clearance_m: float,
+    rounds: int,
+    fixed: torch.Tensor | None = None,
+) -> torch.Tensor:
+    """The vertices (T, N, 3) of `lift_clear`, which explains the rest."""
+    found = lift_clear(vertices, sdf, topology, clearance_m=clearance_m, rounds=rounds, fixed=fixed)
+    return found.vertices
+
+
+def lift_clear(
+    vertices: torch.Tensor,
+    sdf: Obstacle,
+    topology: Topology,
+    *,
+    clearance_m: float,
+    rounds: int,
+    fixed: torch.Tensor | None = None,
+) -> Clearance:
+    """Lift vertices that are nearer to the body than `clearance_m`, or inside it.
+
+    Each round lifts along the distance's gradient, or where that differs from the round before (the fold between arm
+    and trunk), along the middle of both. Neighbours that have clearance themselves follow half of the way,
+    on average over their neighbours; in the last two rounds nothing follows, so that it cannot push anything back
+    in. Vertices deeper than a reach, 2 cm at first and twice as much with every round, wait: the cloth around them,
+    once it is out, pulls them along by their edges, so that they come out on its side. What is still inside after
+    all rounds is put at the nearest clear place of a search in all directions.
+
+    So afterwards no vertex but the pinned ones is nearer than `clearance_m`. Two things are undefined: on which side
+    a vertex comes out that is nearer to another side of the body and has no edge to cloth outside; and what happens
+    between vertices, where a large face may still cut through the body.
+
+    The garment may touch or cross itself afterwards: its collisions with itself are outside what the fusion solves.
+
+    Args:
+        vertices: (T, N, 3) metres, not changed.
+        sdf: one posed obstacle a frame.
+        topology: of the garment.
+        clearance_m: metres, the distance that lifted vertices get.
+        rounds: at most; fewer where all vertices are clear; 0 leaves everything as it is.
+        fixed: (N,) bool, vertices that must not move; None holds none.
+    """
+    loose = torch.ones(vertices.shape[1], dtype=torch.bool, device=vertices.device)
+    if fixed is not None:
+        loose = ~fixed.to(vertices.device)
+    known = Known(vertices, sdf)
+    number = 0
+    for number in range(rounds + 1):
+        missing = (clearance_m - known.distance) * loose
+        if number == rounds or not bool((missing > 0).any()):
+            break
+        last = number >= rounds - 2
+        reach = float("inf") if last else _REACH * 2**number
+        known.move(_round(known, topology, missing, reach=reach, follow=not last, loose=loose))
+    escaped = torch.zeros_like(known.distance, dtype=torch.bool)
+    if rounds:
+        escaped = escape(known, (known.distance < clearance_m) & loose, clearance_m)
+    remaining = known.distance < clearance_m
+    asked = known.asked / max(remaining.numel(), 1)
+    return Clearance(known.vertices, number, asked, escaped, remaining, known.distance)
+
+
+def _round(
+    known: Known,
+    topology: Topology,
+    missing: torch.Tensor,
+    *,
+    reach: float,
+    follow: bool,
+    loose: torch.Tensor,
+) -> torch.Tensor:
+    """(T, N, 3) the vertices after one round of lifting."""
+    low = missing > 0
+    deep = low & (known.distance < -reach)
+    lifted = (low & ~deep)[..., None]
+    squeezed = (missing < _SQUEEZED)[..., None]
+    way = safe_normalize(known.direction + torch.where(squeezed, known.lifted_along, 0.0))
+    slope = (way * known.direction).sum(-1, keepdim=True).clamp(min=1 / _LONGEST_WAY)
+    lift = torch.where(lifted, (missing + _MORE)[..., None] * way / slope, 0.0)
+    known.lifted_along = torch.where(lifted, known.direction, 0.0)
+    if follow:
+        degree = topology.adjacency(lift.new_ones(topology.n_vertices, 1)).clamp(min=1)
+        along = _FOLLOW * topology.adjacency(lift) / degree
+        lift = torch.where((~low & loose)[..., None], along, lift)
+    vertices = known.vertices + lift
+    return _pulled(vertices, deep, topology) if bool(deep.any()) else vertices
+
+
+def _pulled(vertices: torch.Tensor, deep: torch.Tensor, topology: Topology) -> torch.Tensor:
+    """Deep vertices moved so that their edges are no longer than `_STRETCH` times their rest lengths, about."""
+    edges = torch.from_numpy(topology.edges).to(vertices.device)
+    touched = (deep[:, edges[:, 0]] | deep[:, edges[:, 1]]).any(0)
+    first, second = edges[touched].T
+    longest = _STRETCH * topology.rest_lengths.to(vertices)[touched]
+    for _ in range(_SWEEPS):
+        span = vertices[:, second] - vertices[:, first]
+        length = torch.linalg.vector_norm(span, dim=-1)
+        pull = (1 - longest / length.clamp(min=1e-12)).clamp(min=0)[..., None] * span
+        counted = torch.cat([pull, (pull != 0).any(-1, keepdim=True).to(pull)], -1)
+        back = torch.cat([-pull, counted[..., 3:]], -1)
+        total = vertices.new_zeros(*vertices.shape[:2], 4)
+        total = total.index_add(1, first, counted).index_add(1, second, back)
+        step = total[..., :3] / total[..., 3:].clamp(min=1)
+        vertices = torch.where(deep[..., None], vertices + step, vertices)
+    return vertices

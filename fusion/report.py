@@ -1,0 +1,99 @@
+"""What is reported of a fusion, gathered piece by piece."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+
+from fusion.batches import Piece
+from fusion.config import FusionConfig
+from fusion.stages import Minimum, edge_weights, normal_weights
+
+_WEIGHTS = {"edge": edge_weights, "normal": normal_weights}
+
+
+class Statistics:
+    """Means over frames, of which none is kept.
+
+    Args:
+        config: what the pieces are solved with.
+    """
+
+    def __init__(self, config: FusionConfig) -> None:
+        self._config = config
+        self._frames = 0
+        self._stages = {name: _StageSums() for name in _WEIGHTS}
+        self._unseen = 0.0
+        self._inside: np.ndarray | None = None  # sums of the shares before and after the clean-up
+
+    def add(self, piece: Piece) -> None:
+        """Take in a batch."""
+        self._frames += len(piece.vertices)
+        for name, minimum in piece.stages.items():
+            self._stages[name].add(minimum)
+        self._unseen += float(piece.unseen.sum(dtype=np.float64))
+        if piece.inside is not None:
+            sums = np.array([share.sum(dtype=np.float64) for share in piece.inside])
+            self._inside = sums if self._inside is None else self._inside + sums
+
+    def report(self, *, history: bool) -> dict[str, Any]:
+        """Plain numbers by name, see `FusionResult`; with `history` the terms at every iteration, too."""
+        terms: dict[str, dict[str, dict[str, float]]] = {}
+        totals: dict[str, dict[str, float]] = {}
+        iterations: dict[str, float] = {}
+        curves: dict[str, dict[str, list[float]]] = {}
+        for stage, weigh in _WEIGHTS.items():
+            sums = self._stages[stage]
+            if not sums.frames:
+                continue
+            curve = sums.curves()
+            weights = weigh(self._config)
+            total = np.sum([weights[name] * values for name, values in curve.items()], axis=0)
+            ends = {"start": 0, "end": -1}
+            terms[stage] = {
+                when: {name: float(values[k]) for name, values in curve.items()} for when, k in ends.items()
+            }
+            totals[stage] = {when: float(total[k]) for when, k in ends.items()}
+            iterations[stage] = sums.iterations / sums.frames
+            curves[stage] = {name: values.tolist() for name, values in (*curve.items(), ("total", total))}
+        report: dict[str, Any] = {
+            "solver": self._config.solver,
+            "frames": self._frames,
+            "terms": terms,
+            "total": totals,
+            "iterations": iterations,
+            "unseen_percent": 100 * self._unseen / self._frames,
+        }
+        if self._inside is not None:
+            before, after = (100 * self._inside / self._frames).tolist()
+            report["penetration_percent"] = {"before_clearance": before, "after": after}
+        return report | ({"history": curves} if history else {})
+
+
+class _StageSums:
+    """Sums over frames of one stage; frames that finished sooner than others stay at their last value."""
+
+    def __init__(self) -> None:
+        self.frames = self.iterations = 0
+        self._sums: dict[str, np.ndarray] = {}  # (K,) by term, K the most values of any frame so far
+
+    def add(self, found: Minimum) -> None:
+        self.frames += len(found.iterations)
+        self.iterations += int(found.iterations.sum())
+        for name, values in found.history.items():
+            sums: np.ndarray = values.to("cpu", torch.float64).sum(1).numpy()
+            before = self._sums.get(name)
+            if before is not None:
+                longest = max(len(sums), len(before))
+                sums = _extended(before, longest) + _extended(sums, longest)
+            self._sums[name] = sums
+
+    def curves(self) -> dict[str, np.ndarray]:
+        """(K,) float64 by term: means over all frames."""
+        return {name: sums / self.frames for name, sums in self._sums.items()}
+
+
+def _extended(sums: np.ndarray, length: int) -> np.ndarray:
+    return np.concatenate([sums, np.full(length - len(sums), sums[-1])])

@@ -1,0 +1,96 @@
+"""Where vertices may go: above the obstacle's tangent planes below them, and nowhere if they are pinned."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+
+from fusion.losses import collision_loss
+from fusion.obstacles.sdf import Obstacle
+from fusion.solvers.energy import Energy
+from fusion.solvers.recorder import Recorder
+
+_TOUCHING = 1e-5  # metres: a vertex nearer to its plane than this touches it
+
+
+class Contact:
+    """An obstacle that is asked for only every few steps.
+
+    In between, the surface below each vertex is its tangent plane; within the few millimetres that a vertex moves,
+    that is as good.
+
+    Args:
+        obstacle: one posed obstacle a frame.
+        like: (T, N, 3), sets device and dtype.
+        margin_m: metres of clearance that vertices keep.
+        every_steps: steps between two queries.
+
+    Attributes:
+        normal: (T, N, 3) unit vectors away from the surface, 0 where it is too far to matter.
+        offset: (T, N) metres: a vertex x is above its plane where normal · x is at least this.
+        depth: (T,) metres, the collision term of equation 7 at the last look.
+    """
+
+    def __init__(self, obstacle: Obstacle, like: torch.Tensor, *, margin_m: float, every_steps: int) -> None:
+        self._obstacle, self._margin, self._every = obstacle, margin_m, every_steps
+        self.normal = torch.zeros_like(like, memory_format=torch.contiguous_format)
+        self.offset = self.normal.new_zeros(like.shape[:2])
+        self.depth = self.normal.new_zeros(len(like))
+
+    def due(self, step: int) -> bool:
+        """Whether it is time for a query."""
+        return step % self._every == 0
+
+    def look(self, vertices: torch.Tensor) -> None:
+        """Take new planes at vertices (T, N, 3)."""
+        found = self._obstacle.query(vertices)
+        self.normal.copy_(found.direction)
+        distance = found.distance.to(vertices)
+        torch.add((self.normal * vertices).sum(-1), self._margin - distance, out=self.offset)
+        self.depth = collision_loss(distance, margin_m=self._margin)
+
+
+class Motion:
+    """Steps of the vertices of an energy, and which directions are open to them.
+
+    Args:
+        energy: its `active` frames take part, its `gradient` presses vertices against their planes, its `vertices`
+            are where steps lead.
+        loose: (N,) bool, vertices that may move; None for all.
+        contact: the obstacle; None without.
+
+    Attributes:
+        vertices: (T, N, 3), from where steps go.
+        direction: (T, N, 3), along which.
+        length: (T,), how far.
+        gradient: (T, N, 3), the energy's at `vertices`.
+    """
+
+    def __init__(self, energy: Energy, loose: torch.Tensor | None, contact: Contact | None) -> None:
+        like = energy.vertices
+        self.vertices, self.gradient = torch.zeros_like(like), torch.zeros_like(like)
+        self.direction, self.length = torch.zeros_like(like), like.new_ones(len(like))
+        count = like.shape[1]
+        self._free, self._advance = (Recorder(like, energy.active) for _ in range(2))
+        self._everywhere = contact is None and loose is None
+        place = self._free
+        vertices, direction = place.vectors(self.vertices), place.vectors(self.direction)
+        wall: list[Any] = [None, None]
+        if contact is not None:
+            wall = [place.vectors(contact.normal), place.reals(contact.offset)]
+        wall.append(None if loose is None else place.ints(loose))
+        gradient = place.vectors(self.gradient)
+        place("free", count, vertices, gradient, *wall, _TOUCHING, direction, direction)
+        length, target = place.reals(self.length), place.vectors(energy.vertices)
+        self._advance("advance", count, vertices, direction, length, *wall, target)
+
+    def project(self) -> torch.Tensor:
+        """`direction`, of which what is not open has been taken away."""
+        if not self._everywhere:
+            self._free.run()
+        return self.direction
+
+    def advance(self) -> None:
+        """Put the energy's vertices where the step leads, and out of the obstacle."""
+        self._advance.run()

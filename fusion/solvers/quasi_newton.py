@@ -1,0 +1,211 @@
+"""Quasi-Newton descent around a prefactorised system: every step is one back-substitution per frame and axis.
+
+The first step is that of a local-global solver: the gradient of the edge term is what remains after each edge has been
+scaled to its rest length by itself, and the system distributes it over the cloth. From then on the last few steps
+correct the system's curvature (Liu, Bouaziz and Kavan 2017, "Quasi-Newton methods for real-time simulation of
+hyperelastic materials").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from fusion.solvers.contact import Contact, Motion
+from fusion.solvers.energy import Energy
+from render.mesh.factor import Factor
+
+_PAIRS = 2  # steps remembered; more lower the energy no further in as many steps, and cost
+_SUFFICIENT = 1e-4  # share of the decrease that the gradient promises which a step must reach (Armijo)
+_HALVINGS = 12  # of a step that does not; after the last the frame is finished
+_STEPS_JUDGED = 3  # over which the decrease is averaged: now and then a step is small
+_CURVATURE = 1e-4  # cosine between a step and its change of gradient below which it is not remembered
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """What `descend` found.
+
+    Args:
+        vertices: (T, N, 3) metres.
+        iterations: (T,) int64, steps taken.
+        history: (K, T, 5) float64, the energy's terms at the start and after each of the K - 1 steps of the longest
+            frame.
+        depths: (K, T), mean depth of the vertices in the obstacle, metres: at the start, as last looked, at the end;
+            None without obstacle.
+    """
+
+    vertices: torch.Tensor
+    iterations: torch.Tensor
+    history: torch.Tensor
+    depths: torch.Tensor | None
+
+
+def descend(
+    energy: Energy,
+    factor: Factor,
+    start: torch.Tensor,
+    *,
+    steps: int,
+    tolerance: float,
+    loose: torch.Tensor | None = None,
+    contact: Contact | None = None,
+) -> Descent:
+    """Minimise the energy outside of the obstacle; every frame by itself, unless the energy couples them.
+
+    A vertex that touches the obstacle and is pushed into it slides along its tangent plane: an active set, which
+    takes the place of the collision term (exact for a weight above the push).
+
+    Args:
+        energy: of T frames.
+        factor: of an estimate of its Hessian, the better the sooner.
+        start: (T, N, 3) metres, dtype and device of the energy.
+        steps: at most.
+        tolerance: mean relative decrease of the energy in a step below which a frame is finished.
+        loose: (N,) bool, vertices that may move; None for all.
+        contact: the obstacle.
+    """
+    return _Run(energy, factor, loose, contact).run(start, steps, tolerance)
+
+
+class _Run:
+    """State of one `descend`; G = T independent problems, or one if the frames are coupled."""
+
+    def __init__(
+        self, energy: Energy, factor: Factor, loose: torch.Tensor | None, contact: Contact | None
+    ) -> None:
+        self._energy, self._factor, self._contact = energy, factor, contact
+        self._at = Motion(energy, loose, contact)
+        self._frames = len(energy.vertices)
+        self._groups = 1 if energy.coupled else self._frames
+        self._memory = _Memory()
+        self._going = torch.ones(self._groups, dtype=torch.bool, device=energy.vertices.device)
+        self._value = torch.zeros(self._groups, dtype=torch.float64, device=energy.vertices.device)
+
+    def run(self, start: torch.Tensor, steps: int, tolerance: float) -> Descent:
+        iterations = torch.zeros_like(self._going, dtype=torch.int64)
+        contact, at = self._contact, self._at
+        at.vertices.copy_(start)
+        history = [self._place()]
+        values = [self._value]
+        depths = [contact.depth] if contact else []
+        for step in range(steps):
+            if contact is not None and step and contact.due(step):
+                self._place()
+                values = [self._value]
+            history.append(self._step())
+            values.append(self._value)
+            iterations += self._going
+            if contact is not None:
+                depths.append(contact.depth)
+            if len(values) > _STEPS_JUDGED:
+                before = values[-1 - _STEPS_JUDGED]
+                self._going &= before - self._value > _STEPS_JUDGED * tolerance * before.abs()
+            if not bool(self._going.any()):
+                break
+        if contact is not None:
+            contact.look(at.vertices)
+            depths[-1] = contact.depth
+        return Descent(
+            at.vertices,
+            iterations.expand(self._frames).clone(),
+            torch.stack(history),
+            torch.stack(depths) if depths else None,
+        )
+
+    def _place(self) -> torch.Tensor:
+        """Look where the obstacle is, leave it, and evaluate there."""
+        if self._contact is not None:
+            self._contact.look(self._at.vertices)
+        self._at.length.zero_()
+        self._energy.active.fill_(1)
+        self._at.advance()
+        terms = self._energy.evaluate()
+        self._value = self._weighted(terms)
+        self._at.vertices.copy_(self._energy.vertices)
+        self._at.gradient.copy_(self._energy.gradient)
+        return terms
+
+    def _step(self) -> torch.Tensor:
+        """One step of all problems that are still going; the terms after it."""
+        at, energy = self._at, self._energy
+        energy.active.copy_(self._going.expand(self._frames))
+        at.direction.copy_(at.gradient)
+        gradient = self._flat(at.project()).clone()
+        shape = at.direction.shape
+        direction = self._memory.direction(
+            gradient, lambda rest: self._flat(self._factor.solve(rest.view(shape)))
+        )
+        at.direction.copy_(direction.view(shape))
+        # Projected last, so that it descends whatever walls the remembered steps were taken at.
+        slope = _dot(self._flat(at.project()), gradient)[:, 0].double()
+        terms, taken = self._searched(slope)
+        self._going = self._going & taken
+        step, change = energy.vertices - at.vertices, energy.gradient - at.gradient
+        self._memory.add(self._flat(step), self._flat(change))
+        at.vertices.copy_(energy.vertices)
+        at.gradient.copy_(energy.gradient)
+        self._value = self._weighted(terms)
+        return terms
+
+    def _searched(self, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Halve each problem's step until the energy falls enough: terms there, and whether it did (G,)."""
+        length, trying = torch.ones_like(slope), self._going
+        for halving in range(_HALVINGS + 1):
+            if halving == _HALVINGS:  # nowhere to go within rounding: stay
+                length = torch.where(trying, 0, length)
+            self._at.length.copy_(length.expand(self._frames))
+            self._energy.active.copy_(trying.expand(self._frames))
+            self._at.advance()
+            terms = self._energy.evaluate()
+            failed = trying & ~(self._weighted(terms) <= self._value + _SUFFICIENT * length * slope)
+            if not bool(failed.any()):
+                break
+            trying = failed
+            length = torch.where(failed, 0.5 * length, length)
+        return terms, length > 0
+
+    def _flat(self, vectors: torch.Tensor) -> torch.Tensor:
+        """(T, N, 3) to (G, D)."""
+        return vectors.view(self._groups, -1)
+
+    def _weighted(self, terms: torch.Tensor) -> torch.Tensor:
+        """(T, 5) to the energies of the problems (G,)."""
+        return (terms * self._energy.factors).sum(-1).view(self._groups, -1).sum(-1)
+
+
+class _Memory:
+    """The last steps s and changes of gradient y of G problems, and the inverse Hessian that they suggest (L-BFGS)."""
+
+    def __init__(self) -> None:
+        self._pairs: list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]] = []  # s, y, s · y; oldest first
+
+    def add(self, step: torch.Tensor, change: torch.Tensor) -> None:
+        """Keep a pair (G, D), which this may change; problems in which it has no positive curvature keep nothing."""
+        product = _dot(step, change)
+        good = product > _CURVATURE * (_dot(step, step) * _dot(change, change)).sqrt()
+        if not bool(good.all()):
+            step *= good
+            change *= good
+        self._pairs = [*self._pairs[1 - _PAIRS :], (step, change, torch.where(good, product, 1))]
+
+    def direction(
+        self, gradient: torch.Tensor, precondition: Callable[[torch.Tensor], torch.Tensor]
+    ) -> torch.Tensor:
+        """Minus the inverse Hessian's estimate times the gradient (G, D): the two loops of L-BFGS."""
+        rest, shares = gradient, []
+        for step, change, product in reversed(self._pairs):
+            shares.append(_dot(step, rest) / product)
+            rest = torch.addcmul(rest, shares[-1], change, value=-1)
+        found = precondition(rest)
+        for step, change, product in self._pairs:
+            share = shares.pop() - _dot(change, found) / product
+            found = torch.addcmul(found, share, step)
+        return -found
+
+
+def _dot(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+    """(G, D) and (G, D) to (G, 1); several times as fast as a matrix product, for so few, so long rows."""
+    return (first * second).sum(-1, keepdim=True)

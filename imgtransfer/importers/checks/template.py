@@ -1,0 +1,76 @@
+"""A user's own garment mesh, ready to be put on a body: placed, checked and welded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.importers.checks.findings import Say, refuse
+from imgtransfer.importers.checks.meshes import check_template
+from imgtransfer.importers.checks.weld import weld
+from render import InputError, Mesh, load_mesh
+
+_FLAT = 1e-12  # m², twice the area of a triangle with sides of a micrometre
+
+
+def as_setting(name: str, value: str) -> str:
+    """An option as a garment's configuration has it."""
+    return f"`{name.removeprefix('garment-')}: {value or 'true'}`"
+
+
+def load_template(
+    path: str | Path,
+    body: Mesh,
+    *,
+    axes: Axes | None = None,
+    body_axes: Axes | None = None,
+    welding: bool = False,
+    anyway: bool = False,
+    say: Say = as_setting,
+) -> tuple[Mesh, list[str]]:
+    """Read a garment and check it against the body that shall wear it.
+
+    Args:
+        path: OBJ, PLY, GLB or STL.
+        body: in its rest pose, metres, y up, facing +z; its `source` is what messages call it.
+        axes: how the file lies; None for metres, y up, facing +z.
+        body_axes: how the body's file lay, where it came from one.
+        welding: join split seams.
+        anyway: take it although the checks found something.
+        say: how messages name an option of the garment and its value.
+
+    Returns:
+        The garment in metres, y up, facing +z, with texture coordinates, materials and the file's numbering in its
+        `surface`; and what is odd about it but no obstacle, one text each, for the user to read.
+
+    Raises:
+        InputError: a file that cannot be read, severe findings (the message names the settings that mend them), or
+            vertices and triangles that cannot be cloth.
+    """
+    axes = axes or Axes()
+    garment = axes.of_mesh(load_mesh(path))
+    found = check_template(garment, body, given=body_axes, garment_given=axes, welding=welding, say=say)
+    notes = refuse(found, anyway=anyway, hint=f" ({say('anyway', '')} goes on all the same)")
+    mesh = weld(garment).mesh if welding else garment
+    _check_cloth(mesh)
+    return mesh, notes
+
+
+def _check_cloth(mesh: Mesh) -> None:
+    """Raise InputError where a part of the mesh can be imported, but cannot be simulated: it would have no mass."""
+    used = np.zeros(len(mesh.vertices), bool)
+    used[mesh.faces] = True
+    if not used.all():
+        raise InputError(
+            f"{mesh.source}: {(~used).sum()} vertices belong to no triangle (vertex {int(np.argmin(used))} first), and "
+            "cannot move with the cloth; delete them"
+        )
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) < _FLAT
+    if flat.any():
+        raise InputError(
+            f"{mesh.source}: {flat.sum()} triangles have no area (triangle {int(np.argmax(flat))} first, vertices "
+            f"{mesh.faces[np.argmax(flat)].tolist()}), and cannot be cloth; merge their vertices or delete them"
+        )

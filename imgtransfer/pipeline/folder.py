@@ -1,0 +1,62 @@
+"""The folder that `imgtransfer predict` writes, `fuse` adds to and `evaluate` reads: one folder a clip."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from render import InputError
+from render.files.temporaries import clear, put_back
+
+METHODS = ("fused", "position_only")  # of vertices, the better first; each a clip npz METHOD.npz
+FUSED_FILE, POSITION_ONLY_FILE = (f"{method}.npz" for method in METHODS)
+MAPS_FILE, REPORT_FILE, HISTORY_FILE, MESHES_FOLDER = "maps.npz", "fusion.json", "history.png", "meshes"
+TEXTURES_FOLDER = "textures"  # as `imgtransfer.data.texture_files` names it
+WRITTEN = frozenset(
+    {
+        MAPS_FILE,
+        POSITION_ONLY_FILE,
+        FUSED_FILE,
+        REPORT_FILE,
+        HISTORY_FILE,
+        MESHES_FOLDER,
+        TEXTURES_FOLDER,
+    }
+)
+
+
+def folders_in(path: Path) -> list[Path]:
+    """`path` itself, and the folders in it, sorted; not those under way, whose names start with a dot."""
+    inner = (entry for entry in path.iterdir() if entry.is_dir() and not entry.name.startswith("."))
+    return [path, *sorted(inner)]
+
+
+def predicted_clips(path: Path) -> list[Path]:
+    """The clips' folders in what `imgtransfer predict` wrote to `path`, or `path` itself if it is one of them.
+
+    Raises:
+        InputError: no such folder, no prediction in it, or one without its body.
+    """
+    clear(path)
+    if not path.is_dir():
+        hint = "; for a map file of another program give --maps FILE --out DIR" if path.is_file() else ""
+        raise InputError(f"{path}: no such folder; what `imgtransfer predict` wrote is wanted{hint}")
+    put_back(path, holding=MAPS_FILE)
+    found = [folder for folder in folders_in(path) if (folder / MAPS_FILE).is_file()]
+    if not found:
+        raise InputError(f"{path}: no prediction in it; wanted are folders with {MAPS_FILE}")
+    for folder in found:
+        if not (folder / POSITION_ONLY_FILE).is_file():
+            raise InputError(f"{folder}: lacks {POSITION_ONLY_FILE}, which holds the body; predict again")
+    return found
+
+
+def check_replaceable(folder: Path, option: str) -> None:
+    """Refuse to replace a folder that holds anything but earlier results; `option` is how the user named it.
+
+    Raises:
+        InputError: it is a file, or holds other files.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{option} {folder}: is a file; name a folder")
+    if folder.exists() and any(entry.name not in WRITTEN for entry in folder.iterdir()):
+        raise InputError(f"{option} {folder}: holds other files, which would be lost; name another folder")

@@ -1,0 +1,275 @@
+"""Map files and what belongs to them into fused vertices on disk: what stands behind `imgtransfer fuse`."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fusion import FusionConfig
+from fusion.batches import Piece
+from fusion.map_files import MapSurroundings, fuse_map_parts
+from imgtransfer.data.canonical import RootFrames
+from imgtransfer.data.clip import written_clip
+from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames
+from imgtransfer.data.reader import NpzReader
+from imgtransfer.pipeline.folder import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REPORT_FILE
+from imgtransfer.pipeline.moving import Moved, Moving, Pins
+from render import InputError, MapFile, Mesh, write_png
+from render.files.atomic import written_whole
+from render.files.npz_writer import NpzWriter
+from render.maps.map_file import Maps
+from render.mesh.mesh import check_finite
+
+_TOGETHER = 32  # frames of a result that are read together
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Given:
+    """What a map file may be fused with, in world coordinates, metres.
+
+    Args:
+        template: in place of the map file's.
+        initial: garment to start from in place of the position maps; T frames.
+        body: what the garment must stay outside of; T frames.
+        under: another garment, worn beneath; T frames.
+        pins: vertices that stay in place.
+    """
+
+    template: Mesh | None = None
+    initial: Moving | None = None
+    body: Moving | None = None
+    under: Moving | None = None
+    pins: Pins | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ways:
+    """How to fuse: the choices that, with the maps, decide the result; see `fusion.map_files.fuse_maps`."""
+
+    config: FusionConfig
+    positions_only: bool = False
+    erode: int = 0
+
+    def as_text(self) -> str:
+        """One line, for results to say what they were made with."""
+        choices = {"positions_only": self.positions_only, "erode": self.erode}
+        return json.dumps(self.config.model_dump() | choices, sort_keys=True)
+
+
+def fuse_into(
+    folder: Path,
+    maps: Maps,
+    given: Given,
+    ways: Ways,
+    *,
+    meshes: MeshKind | None = None,
+    device: str = "cpu",
+    history: bool = False,
+    progress: Callable[[int], object] | None = None,
+) -> dict[str, Any]:
+    """Fuse maps in their canonical frames, put these back, and write what was fused as it comes.
+
+    Written are the report, its picture if it has a history, the meshes if asked for, and last fused.npz; each appears
+    whole or not at all. fused.npz is the body's clip with the fused garment, and says how it was fused (`fused_as`).
+    Without a clip it holds the garment's arrays, and those of the body if there is one.
+
+    Returns:
+        The report.
+
+    Raises:
+        InputError: something given has another number of frames, or what `fuse_maps` refuses.
+    """
+    for name in ("body", "under", "initial"):
+        moving = getattr(given, name)
+        if moving is not None and moving.n_frames != maps.n_frames:
+            raise InputError(
+                f"--{name}: {maps.n_frames} frames are wanted, as the maps have {maps.n_frames}; "
+                f"found {moving.n_frames}"
+            )
+    stream = _Stream(maps, given)
+    first = next(maps.parts(1))
+    if given.pins is not None:
+        given.pins.check(len(first.template_vertices))
+    template = given.template or _with_look(first.template, given.body)
+    if first.rest_vertices is not None:
+        template = replace(template, vertices=first.rest_vertices)
+    with ExitStack() as stack:  # what is entered first appears last
+        add = stack.enter_context(_written_fused(folder / FUSED_FILE, template, first.fps, given.body, ways))
+        frames = None
+        if meshes:
+            frames = stack.enter_context(written_mesh_frames(folder / MESHES_FOLDER, template, meshes))
+
+        def take(piece: Piece) -> None:
+            its = stream.taken()
+            vertices = its.frames.to_world(piece.vertices)
+            add(vertices, its.body)
+            if frames is not None:
+                frames.add(vertices)
+
+        report = fuse_map_parts(
+            maps,
+            stream.parts,
+            take,
+            template=given.template,
+            positions_only=ways.positions_only,
+            erode=ways.erode,
+            pinned=None if given.pins is None else given.pins.indices,
+            body_faces=None if given.body is None else given.body.faces,
+            under_faces=None if given.under is None else given.under.faces,
+            config=ways.config,
+            device=device,
+            history=history,
+            progress=progress,
+        )
+        made = {
+            "positions_only": ways.positions_only,
+            "erode": ways.erode,
+            "config": ways.config.model_dump(),
+        }
+        report |= made
+        _save_report(folder, report, ways)
+    return report
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What is needed of some frames once they are fused."""
+
+    frames: RootFrames
+    body: Moved | None
+
+
+class _Stream:
+    """Frames on their way into the fusion, in canonical frames, and out of it again."""
+
+    def __init__(self, maps: Maps, given: Given) -> None:
+        self._maps, self._given = maps, given
+        self._pins = None if given.pins is None else given.pins.over(maps.n_frames)
+        self._under_way: deque[_Part] = deque()
+
+    def parts(self, count: int) -> Iterator[tuple[MapFile, MapSurroundings]]:
+        """All frames, from the first on whenever this is called."""
+        self._under_way.clear()
+        given, done = self._given, 0
+        moving = {name: getattr(given, name) for name in ("initial", "body", "under")}
+        streams = [
+            itertools.repeat(None) if surface is None else surface.parts(count) for surface in moving.values()
+        ]
+        for maps, *moved in zip(self._maps.parts(count), *streams, strict=False):
+            frames = RootFrames(maps.rotation, maps.translation)
+            found = dict(zip(moving, moved, strict=True))
+            for name, part in found.items():
+                if part is not None:
+                    check_finite(part.vertices, f"--{name}", first=done)
+            canonical = {
+                name: None if part is None else frames.to_canonical(part.vertices)
+                for name, part in found.items()
+            }
+            pins = None if self._pins is None else self._pins[done : done + maps.n_frames]
+            done += maps.n_frames
+            self._under_way.append(_Part(frames, found["body"]))
+            yield (
+                maps,
+                MapSurroundings(
+                    initial=canonical["initial"],
+                    body_vertices=canonical["body"],
+                    under_vertices=canonical["under"],
+                    pinned_positions=None if pins is None else frames.to_canonical(pins),
+                ),
+            )
+
+    def taken(self) -> _Part:
+        """What belongs to the frames that are fused next."""
+        return self._under_way.popleft()
+
+
+def _with_look(template: Mesh, body: Moving | None) -> Mesh:
+    """The template with the texture coordinates and numbering of the body's clip, if that is of the same garment."""
+    clip = body.still if body is not None else None
+    if clip is None or not np.array_equal(clip.garment_faces, template.faces):
+        return template
+    return replace(template, surface=clip.surface)
+
+
+def _save_report(folder: Path, report: dict[str, Any], ways: Ways) -> None:
+    if "history" in report:
+        from imgtransfer.report.fusion_history import history_picture  # noqa: PLC0415
+
+        write_png(folder / HISTORY_FILE, history_picture(report["history"], ways.config))
+    else:
+        (folder / HISTORY_FILE).unlink(missing_ok=True)
+    with written_whole(folder / REPORT_FILE) as temporary:
+        temporary.write_text(json.dumps(report, indent=2) + "\n")
+
+
+@contextmanager
+def _written_fused(
+    path: Path, template: Mesh, fps: float, body: Moving | None, ways: Ways
+) -> Iterator[Callable[[np.ndarray, Moved | None], None]]:
+    """Yield what takes frames of fused vertices (T, N, 3), world, and of the body; for the fused.npz at `path`."""
+    constant: dict[str, Any] = {
+        "template_vertices": np.asarray(template.vertices, np.float32),
+        "garment_faces": template.faces,
+    }
+    if body is not None and body.still is not None:
+        with written_clip(path) as add_clip:
+
+            def add_to_clip(vertices: np.ndarray, moved: Moved | None) -> None:
+                assert moved is not None
+                assert moved.clip is not None
+                clip = replace(
+                    moved.clip,
+                    **constant,
+                    garment_vertices=vertices,
+                    original_faces=None,  # these and the next are those of the clip's own garment, perhaps another one
+                    original_vertices=None,
+                    uvs=None,
+                    uv_faces=None,
+                    face_materials=None,
+                    info=moved.clip.info | {"fusion": ways.as_text()},
+                )
+                add_clip(clip.with_surface(template.surface))
+
+            yield add_to_clip
+        return
+    with NpzWriter(path) as out:
+        for name, values in constant.items():
+            out.write(name, values)
+        if body is not None:
+            out.write("body_faces", body.faces)
+        out.write("fps", np.float64(fps))
+
+        def add_rows(vertices: np.ndarray, moved: Moved | None) -> None:
+            out.append("garment_vertices", vertices)
+            if moved is not None:
+                out.append("body_vertices", moved.vertices)
+
+        yield add_rows
+
+
+def fused_as(path: Path) -> str | None:
+    """`Ways.as_text` of what a fused.npz was made with; None where it is missing, damaged or does not say."""
+    try:
+        text = None
+        for part in NpzReader(path).parts(_TOGETHER):  # all of them: it may be damaged anywhere
+            text = part.info.get("fusion")
+    except InputError:
+        return None
+    return text
+
+
+def meshes_of(fused: Path, folder: Path, kind: MeshKind) -> None:
+    """Write the garment of a fused.npz as one mesh file a frame; the folder appears whole or not at all."""
+    reader = NpzReader(fused)
+    with written_mesh_frames(folder, reader.clip(0, 1).template, kind) as frames:
+        for part in reader.parts(_TOGETHER):
+            assert part.garment_vertices is not None
+            frames.add(part.garment_vertices)

@@ -1,0 +1,138 @@
+"""Clips into predicted maps on disk, each as a task of its own: what stands behind `imgtransfer predict`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from fusion.initialise import InitialWeights
+from imgtransfer.data.clip import Clip, written_clip
+from imgtransfer.data.reader import NpzReader, Reader
+from imgtransfer.data.source import ClipRef
+from imgtransfer.network.model import FRAMES_AT_ONCE, Prediction, TransferModel
+from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE
+from imgtransfer.running import in_worker
+from imgtransfer.training.checkpoint import load_model
+from render import InputError, MapFile, written_maps
+from render.files.atomic import written_whole_folder
+
+_COMPARED = 32  # frames that are compared together
+# The arrays of a clip that a prediction follows from.
+_DECISIVE = ("template_vertices", "body_rest", "body_faces", "body_vertices", "poses", "trans", "fps")
+
+
+@dataclass(frozen=True)
+class PredictTask:
+    """One clip to predict.
+
+    Args:
+        model: its file or a run's folder. mark: the model's `fingerprint`.
+        clip: with the body.
+        folder: for the results; appears whole or not at all.
+        overwrite: whether to predict again what this model has predicted already.
+    """
+
+    model: Path
+    mark: str
+    clip: ClipRef
+    folder: Path
+    overwrite: bool = False
+
+    @property
+    def name(self) -> str:
+        """The clip's name."""
+        return self.clip.name
+
+
+def predict_clip(task: PredictTask) -> str:
+    """Predict a clip and write it; returns a line about it.
+
+    Raises:
+        InputError: a model or clip that cannot be read, or that do not fit each other.
+    """
+    reader = task.clip.reader()
+    if not task.overwrite and _stands(task.folder, reader, task.mark):
+        return f"{task.folder}  predicted by this model already; --overwrite does it again"
+    hidden = True if in_worker() else None
+    batches = -(-reader.n_frames // FRAMES_AT_ONCE)
+    bar = partial(tqdm, total=batches, desc=reader.name, unit="batch", leave=False, disable=hidden)
+    save_prediction(task.folder, _model(task.model, task.mark), reader, mark=task.mark, progress=bar)
+    return f"{task.folder}  {reader.n_frames} frames"
+
+
+def save_prediction(
+    folder: Path,
+    model: TransferModel,
+    reader: Reader,
+    *,
+    mark: str,
+    progress: Callable[[Iterable[Clip]], Iterable[Clip]] = iter,
+) -> None:
+    """Predict a clip some frames at a time, and write the maps, and the vertices that the position maps alone give.
+
+    Args:
+        folder: appears whole or not at all, in place of an earlier one. What was fused from an earlier prediction
+            goes with that.
+        model: predicts.
+        reader: of the clip, with the body; the vertices are written as this clip's garment, world frame.
+        mark: `fingerprint` of the model, for the record.
+        progress: wraps the iteration over the batches, such as tqdm.
+
+    Raises:
+        InputError: a clip that cannot be read, or does not fit the model.
+    """
+    predictor = model.predictor(reader.clip(0, 1))
+    weights = InitialWeights(model.imager)
+    with (
+        written_whole_folder(folder) as temporary,
+        written_maps(temporary / MAPS_FILE) as add_maps,
+        written_clip(temporary / POSITION_ONLY_FILE) as add_clip,
+    ):
+        for clip in progress(reader.parts(FRAMES_AT_ONCE)):
+            prediction = predictor(clip)
+            add_maps(_map_file(prediction))
+            vertices = weights(model.imager.sample(prediction.metres())).numpy()
+            garment = clip.with_garment(prediction.frames.to_world(vertices))
+            add_clip(replace(garment, info=clip.info | {"model": mark}))
+
+
+def _map_file(prediction: Prediction) -> MapFile:
+    return MapFile.of(
+        prediction.imager,
+        position=prediction.positions.numpy(),
+        normal=prediction.normals.numpy(),
+        box=prediction.box,
+        rotation=prediction.frames.rotation,
+        translation=prediction.frames.translation,
+        fps=prediction.fps,
+        rest_vertices=prediction.rest_vertices,
+    )
+
+
+@lru_cache(maxsize=1)
+def _model(path: Path, mark: str) -> TransferModel:
+    """The model, read once a process; `mark` tells it from an earlier one at the same path."""
+    return load_model(path)
+
+
+def _stands(folder: Path, reader: Reader, model: str) -> bool:
+    """Whether the folder holds this model's prediction for this very clip, compared some frames at a time."""
+    if not (folder / MAPS_FILE).is_file():
+        return False
+    stored = NpzReader(folder / POSITION_ONLY_FILE)
+    try:
+        if stored.clip(0, 1).info.get("model") != model or stored.n_frames != reader.n_frames:
+            return False
+        # Where one cannot be read it does not stand; if it is the clip, predicting says what is wrong.
+        return all(
+            np.array_equal(getattr(part, key), getattr(clip, key))
+            for part, clip in zip(stored.parts(_COMPARED), reader.parts(_COMPARED), strict=True)
+            for key in _DECISIVE
+        )
+    except InputError:
+        return False

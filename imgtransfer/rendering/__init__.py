@@ -1,1 +1,0 @@
-"""Meshes in motion as maps and pictures."""

@@ -1,0 +1,170 @@
+"""A body mesh in motion, from the user's files: no skeleton, only where its vertices are in every frame."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from imgtransfer.importers.caches import SUFFIXES as CACHES
+from imgtransfer.importers.formats.meshes import FPS
+from imgtransfer.importers.frames import frame_files
+from imgtransfer.importers.job import clip_name
+from imgtransfer.importers.mesh_files import find_body
+from imgtransfer.importers.part import Part
+from imgtransfer.simulation.config import SequenceFiles
+from imgtransfer.simulation.planning.fingerprint import files_content
+from render import InputError, Mesh
+
+_SCALE = 1.5  # by which a body's edges may be longer or shorter than in its rest pose, in the middle
+_TORN = 1.5, 0.2  # by what factor edges change less, apart from a common one, and in what part of them more
+
+
+@dataclass(frozen=True)
+class MeshSequence:
+    """A body mesh sequence on disk. Make one with `find_sequence`; it is small, and read where it is simulated.
+
+    Args:
+        name: what clips are called after it.
+        moving, rest: folder, pattern or point cache of the frames, and the mesh in the rest pose (None: the first
+            frame).
+        settings: how the files lie.
+        fps: frames a second that it is resampled to, by time.
+        content: a fingerprint of its files.
+        frames: keep only so many.
+    """
+
+    name: str
+    moving: Path
+    rest: Path | None
+    settings: SequenceFiles
+    fps: float
+    content: str
+    frames: int | None = None
+
+    def open(self) -> Part:
+        """The body at rest and the first frame.
+
+        Raises:
+            InputError: files that cannot be read, or a rest pose that is not the frames' mesh.
+        """
+        return Part.open("body", self.moving, self.rest, self.settings.axes)
+
+    def read(self) -> MovingBody:
+        """All frames, resampled and checked; the last one that was read is kept.
+
+        Raises:
+            InputError: files that cannot be read or do not fit together; the message names them.
+        """
+        return _read(self)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingBody:
+    """A body mesh in motion.
+
+    Args:
+        rest: metres, y up, facing +z; `rest_content` is a fingerprint of it.
+        vertices: (T, B, 3) float32.
+        fastest: the vertex, the frame of the files after which, and the speed in m/s, of the fastest movement.
+    """
+
+    rest: Mesh
+    rest_content: str
+    vertices: np.ndarray
+    fastest: tuple[int, int, float]
+
+
+def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> MeshSequence:
+    """The body in a clip's folder, with what is beside it (garment frames, a template) left alone.
+
+    Raises:
+        InputError: no body in the folder, or frames that are missing or of several kinds.
+    """
+    folder = folder.resolve()
+    moving, rest = find_body(folder, settings.body_rest)
+    files = [moving] if moving.suffix.lower() in CACHES else frame_files(moving)
+    content = files_content(files if rest is None else [*files, rest])
+    name = clip_name("", folder.name).partition("/")[2]
+    return MeshSequence(name, moving, rest, settings, fps, content)
+
+
+@lru_cache(maxsize=1)
+def _read(sequence: MeshSequence) -> MovingBody:
+    settings = sequence.settings
+    read = sequence.open().read(welding=settings.weld)
+    vertices, fps = read.vertices, float(settings.fps or read.fps or FPS)
+    if len(vertices) < 2:
+        raise InputError(f"{sequence.moving}: a body mesh sequence needs two frames or more, found one")
+    _check_like_rest(sequence, read.rest, vertices)
+    moved = resampled(vertices, fps, sequence.fps)[: sequence.frames]
+    if len(moved) < 2:
+        raise InputError(
+            f"{sequence.moving}: {len(vertices)} frames at {fps:g} a second are too short for two at {sequence.fps:g}"
+        )
+    content = hashlib.sha256(read.rest.vertices.tobytes() + read.rest.faces.tobytes()).hexdigest()
+    return MovingBody(read.rest, content, moved, _fastest(vertices, fps))
+
+
+def _fastest(vertices: np.ndarray, fps: float) -> tuple[int, int, float]:
+    """See `MovingBody.fastest`."""
+    ways = [np.linalg.norm(end - start, axis=1) for start, end in pairwise(vertices)]
+    frame = int(np.argmax([way.max() for way in ways]))
+    vertex = int(ways[frame].argmax())
+    return vertex, frame, float(ways[frame][vertex] * fps)
+
+
+def resampled(vertices: np.ndarray, given: float, fps: float) -> np.ndarray:
+    """(T, B, 3) at `given` frames a second -> at `fps`: by time, on straight lines; the first frame stays."""
+    if given == fps:
+        return vertices
+    last = len(vertices) - 1
+    # Half a millionth of a frame of tolerance keeps a last frame that only rounding would drop.
+    times = np.minimum(np.arange(int(last / given * fps + 1e-6) + 1) * (given / fps), last)
+    before = np.minimum(times.astype(np.int64), last - 1)
+    share = (times - before).astype(vertices.dtype)[:, None, None]
+    return (1 - share) * vertices[before] + share * vertices[before + 1]
+
+
+def speed_fault(sequence: MeshSequence, body: MovingBody) -> str | None:
+    """What is said of a body that jumps; None where its fastest vertex keeps within `settings.speed`."""
+    vertex, frame, speed = body.fastest
+    if speed <= sequence.settings.speed:
+        return None
+    moving = sequence.moving
+    name = f"frame {frame + 1}"
+    if moving.suffix.lower() not in CACHES:
+        name = frame_files(moving)[frame + 1].name
+    return (
+        f"vertex {vertex} moves at {speed:.0f} m/s into {name}, at most {sequence.settings.speed:g} are allowed: is "
+        "the frame rate right (--fps), and the vertex order the same in every frame?"
+    )
+
+
+def _check_like_rest(sequence: MeshSequence, rest: Mesh, vertices: np.ndarray) -> None:
+    """Compare edges with those at rest, in the first, middle and last frame.
+
+    Raises:
+        InputError: other units, or the vertices of another mesh.
+    """
+    start, end = rest.edges.T
+    lengths = np.linalg.norm(rest.vertices[end] - rest.vertices[start], axis=1)
+    for frame in sorted({0, len(vertices) // 2, len(vertices) - 1}):
+        moved = np.linalg.norm(vertices[frame, end] - vertices[frame, start], axis=1)
+        ratio = moved[lengths > 0] / lengths[lengths > 0]
+        middle = float(np.median(ratio))
+        apart = np.abs(np.log(np.maximum(ratio, 1e-9) / max(middle, 1e-9))) > np.log(_TORN[0])
+        if apart.mean() > _TORN[1]:
+            raise InputError(
+                f"{sequence.moving}: in frame {frame} the triangles are torn apart; the frames' vertices are not in "
+                f"the order of {rest.source}"
+            )
+        if not 1 / _SCALE <= middle <= _SCALE:
+            raise InputError(
+                f"{sequence.moving}: in frame {frame} the body is {middle:.3g} times as large as in {rest.source}; "
+                "export both in the same units"
+            )

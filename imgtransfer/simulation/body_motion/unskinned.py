@@ -1,0 +1,111 @@
+"""A body of which only a mesh sequence is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from imgtransfer.data.grid import round_to_grid
+from imgtransfer.garments.config import GarmentConfig, TemplateConfig
+from imgtransfer.garments.garment import load_template
+from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.importers.checks.weld import seam_groups
+from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
+from imgtransfer.simulation.body_motion.dressed_body import Movement, Worn, warm_up_shares
+from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation, rigid_rotation
+from imgtransfer.simulation.cloth.skin_points import SkinPoints
+from imgtransfer.simulation.cloth.substeps import skin_under
+from imgtransfer.simulation.config import SimulateConfig
+from imgtransfer.simulation.planning.fingerprint import garment_content
+from render import InputError, Mesh
+
+
+class MeshMovement(Movement):
+    """A mesh sequence: between frames the skin moves on straight lines, and held vertices with the skin below them.
+
+    From the rest pose the body comes to its first frame by Poisson shape interpolation. Where on the floor it stands
+    and which way it faces then has no part in that: the cloth would only be flung about.
+
+    Raises:
+        InputError: files that cannot be read, or a garment that does not fit.
+    """
+
+    def __init__(self, sequence: MeshSequence, config: SimulateConfig) -> None:
+        moving = sequence.read()
+        self.name, self.fps = sequence.name, sequence.fps
+        key = _Rest(moving.rest_content, moving.rest, sequence.settings.axes)
+        self.worn, self._held = _dressed(key, config.garment, garment_content(config.garment))
+        rest = moving.rest.vertices
+        vertices = moving.vertices
+        self._heading = heading(rigid_rotation(rest, vertices[0].astype(np.float64)))
+        self._centres = rest.mean(axis=0), vertices[0].mean(axis=0, dtype=np.float64)
+        own = ((vertices - self._centres[1]) @ self._heading + self._centres[0]).astype(np.float32)
+        way = ShapeInterpolation(rest, own[0], moving.rest.faces, same=seam_groups(moving.rest))
+        shares = warm_up_shares(config.solver, self.fps)
+        warm_up = [way.at(share).astype(np.float32) for share in shares[:-1]]
+        self.start = len(warm_up)
+        self._keys = np.concatenate([np.stack(warm_up), own])
+        self._body = round_to_grid(vertices)
+
+    @property
+    def skin(self) -> np.ndarray:
+        return self._keys[:, self.worn.under]
+
+    def between(self, number: int, substeps: int) -> tuple[np.ndarray, np.ndarray]:
+        share = (np.arange(1, substeps + 1, dtype=np.float32) / substeps)[:, None, None]
+        skin = (1 - share) * self._keys[number - 1] + share * self._keys[number]
+        return skin, self._held.at(skin)
+
+    @property
+    def body(self) -> np.ndarray:
+        return self._body
+
+    def placed(self, vertices: np.ndarray) -> np.ndarray:
+        return ((vertices - self._centres[0]) @ self._heading.T + self._centres[1]).astype(np.float32)
+
+    def clip_fields(self) -> dict[str, Any]:
+        return {}
+
+    def info(self) -> dict[str, str]:
+        return {
+            "source": f"imgtransfer simulate, body mesh sequence {self.name}",
+            "body": f"mesh sequence {self.name}",
+        }
+
+
+def needs_template(garment: GarmentConfig) -> str:
+    """What is said of a garment that cannot be made for a body without a skeleton."""
+    return (
+        f"a {garment.kind} cannot be cut for a body mesh sequence, which has no skeleton; give your own garment by "
+        "--template FILE, or by `garment: {kind: template, path: FILE}` in the configuration"
+    )
+
+
+def heading(rotation: np.ndarray) -> np.ndarray:
+    """(3, 3) the part of a rotation that turns about +y (swing-twist decomposition)."""
+    _, y, _, w = Rotation.from_matrix(rotation).as_quat()
+    return Rotation.from_rotvec([0.0, 2 * np.arctan2(y, w), 0.0]).as_matrix()
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """A body at rest, known by what its file holds: sequences of one body share what is made for it."""
+
+    content: str
+    mesh: Mesh = field(compare=False)
+    axes: Axes
+
+
+@lru_cache(maxsize=4)
+def _dressed(body: _Rest, kind: GarmentConfig, content: str) -> tuple[Worn, SkinPoints]:
+    """The garment on the body, and its held vertices as points of the skin; `content` is that of the garment's file."""
+    if not isinstance(kind, TemplateConfig):
+        raise InputError(needs_template(kind))
+    garment, _ = load_template(body.mesh, kind, body_axes=body.axes)
+    rest, mesh = body.mesh.vertices.astype(np.float32), garment.mesh
+    worn = Worn(rest, body.mesh.faces.astype(np.int32), garment, skin_under(mesh.vertices, rest))
+    return worn, SkinPoints(mesh.vertices[garment.held], rest, body.mesh.faces)

@@ -1,0 +1,138 @@
+"""Cloth on a moving body: the model, built with Newton (which runs on Warp), and its steps in time.
+
+The body is one mesh collider without mass. Its points move at every substep, and its surface velocity reaches the
+friction. The cloth collides with itself on request.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from imgtransfer.running.extras import optional
+from imgtransfer.simulation.cloth.descent import CONTACT_DAMPING, ClothDescent
+from imgtransfer.simulation.config import ClothConfig, SolverConfig
+from render.mesh.mesh import Mesh
+
+GRAVITY = (0.0, -9.81, 0.0)  # m/s²
+_ROUND = 0.03  # metres, the radius of the sharpest bends that cloth lies on: knees, elbows, shoulders
+_EVERYWHERE = 1e4  # metres; the collider's bounding box, which Newton computes for the rest pose only
+
+
+class ClothOnBody:
+    """A cloth and the body it lies on, stepped in time.
+
+    Args:
+        cloth: the cloth's rest shape; its curvature at rest costs no bending energy.
+        body_vertices: (B, 3) where the body stands at first, metres. body_faces: (G, 3).
+        material: see `ClothConfig`.
+        solver: for its iterations, and whether the cloth collides with itself.
+        held: (H,) vertices that go where `step` and `place` say, whatever pulls at them.
+    """
+
+    def __init__(
+        self,
+        cloth: Mesh,
+        body_vertices: np.ndarray,
+        body_faces: np.ndarray,
+        material: ClothConfig,
+        solver: SolverConfig,
+        *,
+        held: np.ndarray | None = None,
+    ) -> None:
+        warp, newton = _libraries()
+        builder = newton.ModelBuilder(up_axis=newton.Axis.Y, gravity=GRAVITY)
+        edge = np.linalg.norm(np.diff(cloth.vertices[cloth.edges], axis=1), axis=-1).mean()
+        hinge = 2 / np.sqrt(3) * material.bending / edge
+        # Only vertices meet the skin. Between them a straight edge on a round limb would sink in by its sagitta.
+        kept = material.thickness + edge**2 / (8 * _ROUND)
+        material = material.model_copy(update={"thickness": float(kept)})
+        builder.add_cloth_mesh(
+            pos=warp.vec3(0.0),
+            rot=warp.quat_identity(),
+            scale=1.0,
+            vel=warp.vec3(0.0),
+            vertices=[warp.vec3(*vertex) for vertex in cloth.vertices],
+            indices=cloth.faces.ravel().tolist(),
+            density=material.density,
+            tri_ke=material.stretch,
+            tri_ka=material.stretch,
+            tri_kd=material.stretch_damping * material.stretch,
+            # Equilateral triangles with edge length L bend like a plate of rigidity D where a hinge's energy is
+            # 1/2 (2/√3 D) angle² (Seung and Nelson 1988), and Newton multiplies by the edge's length itself.
+            edge_ke=hinge,
+            edge_kd=material.bending_damping * hinge,
+            particle_radius=material.thickness,
+        )
+        collider = newton.Mesh(body_vertices, body_faces.ravel().astype(np.int32), compute_inertia=False)
+        surface = newton.ModelBuilder.ShapeConfig(
+            ke=material.contact_stiffness, kd=CONTACT_DAMPING, mu=material.friction, margin=0.0
+        )
+        builder.add_shape_mesh(-1, mesh=collider, cfg=surface)
+        self._held = np.zeros(0, np.int64) if held is None else held
+        for vertex in self._held:
+            builder.particle_mass[vertex] = 0.0
+        builder.color(include_bending=True)  # no two vertices of a colour share a face or a hinge
+        model = builder.finalize(device="cpu")
+        model.soft_contact_ke = material.contact_stiffness
+        model.soft_contact_kd = CONTACT_DAMPING
+        model.soft_contact_mu = material.friction
+        model.shape_collision_aabb_lower.fill_(warp.vec3(-_EVERYWHERE))
+        model.shape_collision_aabb_upper.fill_(warp.vec3(_EVERYWHERE))
+        self.collider: Any = collider.mesh
+        self.model: Any = model
+        self.stepper: Any = ClothDescent(
+            model,
+            self.collider,
+            material,
+            solver.iterations,
+            relaxation=solver.relaxation,
+            self_contact=solver.self_contact,
+        )
+        self.state: Any = model.state()
+        self._body = body_vertices.astype(np.float32)
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """(N, 3) float32, metres."""
+        return self.state.particle_q.numpy().copy()
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(N, 3) float32, m/s."""
+        return self.state.particle_qd.numpy().copy()
+
+    def place(self, vertices: np.ndarray, velocities: np.ndarray, body_vertices: np.ndarray) -> None:
+        """Set where the cloth (N, 3) and the body (B, 3) are, without a step in time."""
+        self.state.particle_q.assign(vertices.astype(np.float32))
+        self.state.particle_qd.assign(velocities.astype(np.float32))
+        self._body = body_vertices.astype(np.float32)
+
+    def step(self, body_vertices: np.ndarray, seconds: float, held: np.ndarray | None = None) -> None:
+        """Move the body to (B, 3) and the held vertices to (H, 3) in `seconds` and let the cloth follow."""
+        if held is not None and len(held):
+            cloth = self.state.particle_q.numpy()
+            cloth[self._held] = held
+            self.state.particle_q.assign(cloth)
+        self.move_body(body_vertices, seconds)
+        self.stepper.step(self.state, seconds)
+
+    def move_body(self, body_vertices: np.ndarray, seconds: float) -> None:
+        """Move the body alone to (B, 3) in `seconds`; its surface gets the velocity that this takes."""
+        body = body_vertices.astype(np.float32)
+        self.collider.points.assign(body)
+        self.collider.velocities.assign((body - self._body) / seconds)
+        self.collider.refit()
+        self._body = body
+
+
+def _libraries() -> tuple[Any, Any]:
+    """Warp and Newton.
+
+    Raises:
+        InputError: Newton is not installed.
+    """
+    import warp  # noqa: PLC0415 (heavy)
+
+    return warp, optional("newton", "simulate", "simulation")

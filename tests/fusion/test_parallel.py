@@ -1,0 +1,111 @@
+"""Work shared out over threads: the same numbers, whatever their count."""
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+from fusion import BodySdf, fuse, parallel
+from fusion.solvers import energy_kernels
+from fusion.parallel import n_threads, one_torch_thread, run_all
+from tests.helpers.fusion_examples import cylinder_body, imager_of, true_maps, tube, wrinkled
+
+
+@pytest.fixture(params=[2, 3])
+def threads(request, monkeypatch):
+    monkeypatch.setattr("fusion.obstacles.bvh._WORTH_A_THREAD", 1)
+    token = parallel._threads.set(request.param)
+    yield request.param
+    parallel._threads.reset(token)
+
+
+def fused(count, **inputs):
+    token = parallel._threads.set(count)
+    result = fuse(imager_of(tube()), **inputs, history=True)
+    parallel._threads.reset(token)
+    return result
+
+
+def test_a_fusion_does_not_depend_on_the_number_of_threads(threads):
+    """Frames, their order, and what is reported of them; vertices to the bit, as each frame is solved by itself."""
+    positions, normals = true_maps(imager_of(tube()), wrinkled(tube(), 5))
+    found, want = (fused(count, positions=positions, normals=normals) for count in (threads, 1))
+    np.testing.assert_array_equal(found.vertices, want.vertices)
+    np.testing.assert_array_equal(found.initial, want.initial)
+    assert found.report["iterations"] == want.report["iterations"]
+    for stage, curves in want.report["history"].items():
+        np.testing.assert_allclose(found.report["history"][stage]["total"], curves["total"], rtol=1e-5)
+
+
+def test_threads_that_define_kernels_at_once_get_the_same(monkeypatch):
+    """The second definition took the first one's place in Warp's module, whose kernels then could not be launched."""
+    calls = []
+
+    def slow(bits):
+        calls.append(bits)
+        time.sleep(0.05)
+        return object()
+
+    monkeypatch.setattr(energy_kernels, "_defined", cache(slow))
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(energy_kernels.kernels, [32] * 4))
+    assert len(set(map(id, found))) == len(calls) == 1
+
+
+def test_each_frame_meets_its_own_body_on_every_thread(threads):
+    positions, _ = true_maps(imager_of(tube()), wrinkled(tube(), 5))
+    body = cylinder_body(radius=0.16)
+    moved = np.stack([body.vertices + np.array([0.01 * k, 0, 0]) for k in range(5)])
+    inputs = {"positions": positions, "body_vertices": moved, "body_faces": body.faces}
+    found, want = (fused(count, **inputs) for count in (threads, 1))
+    np.testing.assert_array_equal(found.vertices, want.vertices)
+    assert found.report["penetration_percent"]["after"] == 0
+
+
+def test_a_fusion_that_fails_on_a_thread_fails_here(monkeypatch):
+    def fail(self, problem):
+        raise RuntimeError("of one batch")
+
+    monkeypatch.setattr("fusion.solvers.local_global.LocalGlobalSolver.edge_stage", fail)
+    imager = imager_of(tube())
+    token = parallel._threads.set(2)
+    with pytest.raises(RuntimeError, match="of one batch"):
+        fuse(imager, positions=true_maps(imager, wrinkled(tube(), 4))[0])
+    parallel._threads.reset(token)
+
+
+@pytest.mark.parametrize("poses", [1, 2, 5])
+def test_distances_do_not_depend_on_the_number_of_threads(threads, poses):
+    body = cylinder_body()
+    posed = np.stack([body.vertices + 0.01 * k for k in range(poses)])
+    points = wrinkled(tube(), poses)
+    answers = []
+    for count in (threads, 1):
+        token = parallel._threads.set(count)
+        sdf = BodySdf(body.faces, len(body.vertices))
+        sdf.update(posed)
+        answers.append(sdf.query(points))
+        parallel._threads.reset(token)
+    for name in ("distance", "direction", "closest"):
+        assert torch.equal(*(getattr(answer, name) for answer in answers))
+
+
+def test_torch_keeps_to_one_thread_inside_and_the_others_are_remembered():
+    before = torch.get_num_threads()
+    with one_torch_thread():
+        assert torch.get_num_threads() == 1
+        assert n_threads() == before
+        with one_torch_thread():  # a fusion inside of another
+            assert n_threads() == before
+    assert torch.get_num_threads() == n_threads() == before
+
+
+def test_what_fails_on_a_thread_is_raised_here():
+    def fail():
+        raise ValueError("of the second piece")
+
+    with pytest.raises(ValueError, match="second piece"):
+        run_all([lambda: None, fail])

@@ -1,0 +1,31 @@
+"""Models that no training has made."""
+
+from __future__ import annotations
+
+import torch
+
+from imgtransfer.data.clip import Clip
+from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
+from render import Mesh, PositionBox
+
+NETWORK = {
+    "encoder": {"patch": 8, "dim": 16, "depth": 1, "heads": 2},
+    "blocks": 1,
+    "target": "residual",
+    "frame": "body",
+    "shortcuts": True,
+}
+
+
+def model_for(clip: Clip) -> TransferModel:
+    """An untrained model whose outputs are not 0."""
+    torch.manual_seed(0)
+    model = TransferModel(
+        maps=MapsConfig(size=(64, 48)),
+        network=NetworkConfig.model_validate(NETWORK),
+        template=Mesh(clip.template_vertices, clip.garment_faces),
+        box=PositionBox.around(clip.template_vertices, margin=0.5),
+    )
+    for network in (model.position_net, model.normal_net):
+        torch.nn.init.normal_(network.decoder.to_image.weight, std=0.1)
+    return model.eval()

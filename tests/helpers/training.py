@@ -1,0 +1,40 @@
+"""A training of seconds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from imgtransfer.training.config import RunConfig, parse_config
+
+SMALL = {
+    "maps": {"size": [32, 32]},
+    "network": {
+        "encoder": {"patch": 8, "dim": 16, "depth": 1, "heads": 2},
+        "blocks": 1,
+        "target": "residual",
+        "frame": "body",
+        "shortcuts": True,
+    },
+    "training": {
+        "steps": 6,
+        "batch_frames": 2,
+        "optimizer": "adamw",
+        "learning_rate": 1e-2,
+        "schedule": "cosine",
+        "mirror": True,
+        "gradient_clip": 1.0,
+        "precision": "float32",
+        "threads": 1,
+        "validate_every_steps": 3,
+        "checkpoint_every_steps": 3,
+    },
+}
+
+
+def small_config(source: Path, **training: object) -> RunConfig:
+    data = {
+        "source": str(source),
+        "train": {"split": None, "exclude": ["*_test"]},
+        "validation": {"split": None, "names": ["*_test"]},
+    }
+    return parse_config(SMALL | {"data": data, "training": SMALL["training"] | training}, "small")

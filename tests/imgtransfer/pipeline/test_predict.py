@@ -1,0 +1,193 @@
+"""Prediction: a trained model on clips, and the files that `imgtransfer predict` writes."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from imgtransfer.cli.main import main
+from imgtransfer.data.clip import Clip, load_clip, save_clip
+from imgtransfer.data.store import DataSet
+from imgtransfer.pipeline.folder import predicted_clips
+from imgtransfer.training.checkpoint import save_model
+from render import InputError, load_maps
+from tests.helpers.models import model_for
+
+
+def test_prediction_has_maps_of_every_frame(tube_clip: Clip) -> None:
+    model = model_for(tube_clip)
+    prediction = model.predict(tube_clip)
+    assert prediction.positions.shape == prediction.normals.shape == (6, 2, 64, 48, 3)
+    mask = prediction.imager.mask
+    assert prediction.positions[:, ~mask].abs().max() == 0
+    assert prediction.normals[:, ~mask].abs().max() == 0
+    lengths = (prediction.normals[:, mask] * 2 - 1).norm(dim=-1)
+    torch.testing.assert_close(lengths, torch.ones_like(lengths), rtol=0, atol=1e-5)
+    assert prediction.metres()[:, ~mask].abs().max() == 0
+
+
+def test_prediction_does_not_look_at_the_garment(tube_clip: Clip) -> None:
+    model = model_for(tube_clip)
+    without = model.predict(replace(tube_clip, garment_vertices=None))
+    assert torch.equal(without.positions, model.predict(tube_clip).positions)
+
+
+def test_where_a_body_stands_and_faces_changes_nothing_in_the_maps(tube_clip: Clip) -> None:
+    """A turn about the vertical and a shift of the clip are removed with the root, and come back in the frames."""
+    model = model_for(tube_clip)
+    assert tube_clip.poses is not None
+    assert tube_clip.trans is not None
+    assert tube_clip.joints_rest is not None
+    turn, shift = Rotation.from_rotvec([0.0, 1.1, 0.0]), np.array([3.0, 0.5, -2.0])
+    root = tube_clip.joints_rest[0]
+    poses = tube_clip.poses.copy()
+    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    moved = replace(
+        tube_clip,
+        poses=poses,
+        trans=(turn.apply(tube_clip.trans + root) + shift - root).astype(np.float32),
+        body_vertices=(tube_clip.body_vertices @ turn.as_matrix().T + shift).astype(np.float32),
+    )
+    before, after = model.predict(tube_clip), model.predict(moved)
+    torch.testing.assert_close(after.positions, before.positions, rtol=0, atol=1e-4)
+    there = after.frames.to_world(np.zeros((6, 1, 3)))
+    back = before.frames.to_world(np.zeros((6, 1, 3))) @ turn.as_matrix().T + shift
+    np.testing.assert_allclose(there, back, atol=1e-5)
+
+
+def test_a_clip_with_another_garment_is_refused(tube_clip: Clip) -> None:
+    model = model_for(tube_clip)
+    other = replace(
+        tube_clip, template_vertices=tube_clip.template_vertices + np.float32(0.01), name="shifted"
+    )
+    with pytest.raises(InputError, match=r"shifted: its garment .* is not the model's"):
+        model.predict(other)
+
+
+def test_the_command_writes_maps_and_vertices(
+    tube_clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = model_for(tube_clip)
+    save_model(tmp_path / "model.safetensors", model)
+    data = DataSet.create(tmp_path / "data.zarr")
+    data.write("tube/bend", tube_clip, split="test")
+    data.write("tube/other", tube_clip, split="train")
+    command = [
+        "predict",
+        str(tmp_path),
+        str(tmp_path / "data.zarr"),
+        "--split",
+        "test",
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    assert main(command) == 0
+    out = tmp_path / "o"
+    assert capsys.readouterr().out.splitlines() == [
+        f"{out / 'tube__bend'}  6 frames",
+        f"next     imgtransfer fuse {out}",
+        f"then     imgtransfer evaluate {out} --truth {tmp_path / 'data.zarr'} --split test",
+    ]
+    assert [folder.name for folder in (tmp_path / "o").iterdir()] == ["tube__bend"]
+    maps, prediction = load_maps(tmp_path / "o" / "tube__bend" / "maps.npz"), model.predict(tube_clip)
+    assert maps.position is not None
+    np.testing.assert_array_equal(maps.position, prediction.positions.numpy())
+    np.testing.assert_array_equal(maps.rotation, prediction.frames.rotation)
+    vertices = load_clip(tmp_path / "o" / "tube__bend" / "position_only.npz").garment_vertices
+    assert vertices is not None
+    assert tube_clip.garment_vertices is not None
+    # in the world frame, beside the true garment: an untrained model adds centimetres to the first guess
+    assert np.linalg.norm(vertices - tube_clip.garment_vertices, axis=-1).mean() < 0.1
+
+
+def test_the_command_predicts_for_a_body_alone(tube_clip: Clip, tmp_path: Path) -> None:
+    save_model(tmp_path / "model.safetensors", model_for(tube_clip))
+    save_clip(tmp_path / "walk.npz", replace(tube_clip, garment_vertices=None))
+    assert main(["predict", str(tmp_path), str(tmp_path / "walk.npz"), "--out", str(tmp_path / "o")]) == 0
+    assert load_clip(tmp_path / "o" / "walk" / "position_only.npz").garment_vertices is not None
+
+
+def test_the_command_leaves_what_the_same_model_predicted(
+    tube_clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, maps = model_for(tube_clip), tmp_path / "o" / "walk" / "maps.npz"
+    save_model(tmp_path / "model.safetensors", model)
+    save_clip(tmp_path / "walk.npz", tube_clip)
+    command = ["predict", str(tmp_path), str(tmp_path / "walk.npz"), "--out", str(tmp_path / "o")]
+
+    def writes_anew(*more: str) -> bool:
+        before = maps.stat().st_ino if maps.exists() else None
+        assert main([*command, *more]) == 0
+        assert ("predicted by this model already" in capsys.readouterr().out) == (
+            maps.stat().st_ino == before
+        )
+        return maps.stat().st_ino != before
+
+    assert writes_anew()
+    assert not writes_anew()
+    assert writes_anew("--overwrite")
+    (tmp_path / "o" / "walk" / "fused.npz").write_bytes(b"of the earlier prediction")
+    save_clip(
+        tmp_path / "walk.npz", replace(tube_clip, body_vertices=tube_clip.body_vertices + np.float32(0.001))
+    )
+    assert writes_anew()
+    assert not (tmp_path / "o" / "walk" / "fused.npz").exists()
+    save_model(tmp_path / "model.safetensors", model, steps=1)
+    assert writes_anew()
+    (tmp_path / "o" / "walk" / "notes.txt").write_text("precious")
+    assert main([*command, "--overwrite"]) == 2
+    assert "holds other files" in capsys.readouterr().err
+
+
+def test_sigterm_leaves_nothing_half_written_and_a_lost_prediction_is_put_back(
+    tube_clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_model(tmp_path / "model.safetensors", model_for(tube_clip))
+    save_clip(tmp_path / "walk.npz", tube_clip)
+    out = tmp_path / "out"
+    command = [
+        "predict",
+        *(str(tmp_path / name) for name in ("model.safetensors", "walk.npz")),
+        "--out",
+        str(out),
+    ]
+
+    def killed(*_: object) -> None:
+        assert len(list(out.glob(".walk-*"))) == 1
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("render.files.atomic.put_in_place", killed)
+        assert main(command) == 143
+    assert capsys.readouterr().err.splitlines()[-1] == "imgtransfer: stopped"
+    assert list(out.iterdir()) == []
+    assert main(command) == 0
+    (out / "walk").rename(out / ".walk-abcdefgh.old")  # as a kill between two renamings leaves it
+    assert predicted_clips(out) == [out / "walk"]
+    (out / "walk").rename(out / ".walk-abcdefgh.old")
+    assert main(command) == 0
+    assert [path.name for path in out.iterdir()] == ["walk"]
+
+
+def test_the_command_refuses_another_garment_before_it_writes(tube_clip: Clip, tmp_path: Path) -> None:
+    save_model(tmp_path / "model.safetensors", model_for(tube_clip))
+    save_clip(tmp_path / "clips" / "a.npz", tube_clip)
+    wide = replace(tube_clip, template_vertices=tube_clip.template_vertices * np.float32(1.1))
+    save_clip(tmp_path / "clips" / "b.npz", wide)
+    assert main(["predict", str(tmp_path), str(tmp_path / "clips"), "--out", str(tmp_path / "o")]) == 2
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_model_that_predicts_no_numbers_is_named(tube_clip: Clip) -> None:
+    model = model_for(tube_clip)
+    torch.nn.init.constant_(model.position_net.decoder.to_image.weight, 1e38)
+    model.source = "shirt.safetensors"
+    with pytest.raises(InputError, match=r"shirt\.safetensors: predicts values that are not finite"):
+        model.predict(tube_clip)
