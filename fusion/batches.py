@@ -21,8 +21,8 @@ from fusion.obstacles.sdf import BodySdf, SdfQuery
 from fusion.parallel import be_one_of_many, n_threads
 from fusion.solvers.adam import AdamSolver
 from fusion.solvers.local_global import LocalGlobalSolver
-from fusion.solvers.pixel_faces import ShownFaces
-from fusion.stages import Minimum, Problem, Solver
+from fusion.solvers.pixel_faces import PixelFaces
+from fusion.stages import Solver, SolverResult, StageProblem
 from fusion.stopwatch import Stopwatch
 from fusion.topology import Topology
 from render.maps.imager import TemplateImager
@@ -30,7 +30,7 @@ from render.mesh.mesh import check_finite, safe_normalize
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class BatchResult:
     """One batch of frames, solved.
 
     Args:
@@ -42,7 +42,7 @@ class Piece:
 
     vertices: np.ndarray
     initial: np.ndarray
-    stages: dict[str, Minimum]
+    stages: dict[str, SolverResult]
     unseen: np.ndarray
     inside: tuple[np.ndarray, np.ndarray] | None
 
@@ -90,7 +90,7 @@ class Pipeline:
         self._topology = Topology(inputs.rest)
         self._weights = InitialWeights(imager) if inputs.positions is not None else None
         self._seen = torch.from_numpy(imager.visible.any(axis=0)).to(device)
-        self._shown = ShownFaces.of(imager.raster, self._topology)
+        self._shown = PixelFaces.of(imager.raster, self._topology)
         self._fixed: torch.Tensor | None = None
         if inputs.pinned is not None:
             self._fixed = torch.zeros(len(imager.mesh.vertices), dtype=torch.bool, device=device)
@@ -102,7 +102,7 @@ class Pipeline:
         self._solver = self._make_solver(with_normals=inputs.normals is not None)
         self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
 
-    def pieces(self, batches: Iterable[FusionInputs], watch: Stopwatch) -> Iterator[Piece]:
+    def pieces(self, batches: Iterable[FusionInputs], watch: Stopwatch) -> Iterator[BatchResult]:
         """All batches solved, in their order; over several threads where that helps.
 
         No more batches are asked for than keep the threads busy.
@@ -110,7 +110,7 @@ class Pipeline:
         if self._threads == 1:
             yield from (self.solve(batch, watch) for batch in batches)
             return
-        waiting: deque[Future[Piece]] = deque()
+        waiting: deque[Future[BatchResult]] = deque()
         with ThreadPoolExecutor(self._threads, "fusion", initializer=be_one_of_many) as pool:
             try:
                 for batch in batches:
@@ -122,7 +122,7 @@ class Pipeline:
             finally:
                 pool.shutdown(cancel_futures=True)
 
-    def solve(self, batch: FusionInputs, watch: Stopwatch) -> Piece:
+    def solve(self, batch: FusionInputs, watch: Stopwatch) -> BatchResult:
         """Both stages and the clean-up of some frames."""
         obstacle = self._obstacles.get()
         try:
@@ -130,8 +130,8 @@ class Pipeline:
         finally:
             self._obstacles.put(obstacle)
 
-    def _solved(self, inputs: FusionInputs, watch: Stopwatch, obstacle: _Remembering | None) -> Piece:
-        stages: dict[str, Minimum] = {}
+    def _solved(self, inputs: FusionInputs, watch: Stopwatch, obstacle: _Remembering | None) -> BatchResult:
+        stages: dict[str, SolverResult] = {}
         config = self._config
         with watch.stage("start"):
             readings = self._readings(inputs)
@@ -143,12 +143,12 @@ class Pipeline:
             share = anchor_share(
                 self._seen if readings.confidence is None else readings.seen, readings.confidence
             )
-            problem = Problem(start=self._started("edge", initial), anchor=initial, share=share)
+            problem = StageProblem(start=self._started("edge", initial), anchor=initial, share=share)
             with watch.stage("edge"):
                 stages["edge"] = self._solver.edge_stage(problem)
             vertices = self._kept("edge", initial, stages["edge"])
         if _any_steps(config, "normal") and (target is not None or obstacle is not None):
-            problem = Problem(
+            problem = StageProblem(
                 start=self._started("normal", vertices),
                 anchor=vertices,
                 target=target,
@@ -165,7 +165,7 @@ class Pipeline:
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
         solved = _array(vertices)
         check_finite(solved, "fuse: the result", first=inputs.first)
-        return Piece(solved, _array(initial), stages, unseen, inside)
+        return BatchResult(solved, _array(initial), stages, unseen, inside)
 
     def _make_solver(self, *, with_normals: bool) -> Solver:
         config = self._config
@@ -214,7 +214,7 @@ class Pipeline:
         change = self._changes.get(stage)
         return vertices if change is None else vertices + change
 
-    def _kept(self, stage: str, before: torch.Tensor, found: Minimum) -> torch.Tensor:
+    def _kept(self, stage: str, before: torch.Tensor, found: SolverResult) -> torch.Tensor:
         """The stage's result; for a warm start, what it changed is kept for the next frame."""
         if self._config.warm_start:
             self._changes[stage] = found.vertices - before

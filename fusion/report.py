@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from fusion.batches import Piece
+from fusion.batches import BatchResult
 from fusion.config import FusionConfig
-from fusion.stages import Minimum, edge_weights, normal_weights
+from fusion.stages import SolverResult, edge_weights, normal_weights
 
 _WEIGHTS = {"edge": edge_weights, "normal": normal_weights}
 
@@ -28,7 +28,7 @@ class Statistics:
         self._unseen = 0.0
         self._inside: np.ndarray | None = None  # sums of the shares before and after the clean-up
 
-    def add(self, piece: Piece) -> None:
+    def add(self, piece: BatchResult) -> None:
         """Take in a batch."""
         self._frames += len(piece.vertices)
         for name, minimum in piece.stages.items():
@@ -79,7 +79,7 @@ class _StageSums:
         self.frames = self.iterations = 0
         self._sums: dict[str, np.ndarray] = {}  # (K,) by term, K the most values of any frame so far
 
-    def add(self, found: Minimum) -> None:
+    def add(self, found: SolverResult) -> None:
         self.frames += len(found.iterations)
         self.iterations += int(found.iterations.sum())
         for name, values in found.history.items():

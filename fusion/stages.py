@@ -16,14 +16,14 @@ Terms = dict[str, torch.Tensor]  # by name, one value a frame: (..., T)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
+class StageProblem:
     """T frames of one stage.
 
     Args:
         start: (T, N, 3) metres, where to start.
         anchor: (T, N, 3) metres, where displacements are measured from.
         share: (T, N) or (N,), what each vertex's displacement counts; None: 1 / N each.
-        target: (T, P, 3) unit normals at the P covered pixels, ordered as `ShownFaces.places`.
+        target: (T, P, 3) unit normals at the P covered pixels, ordered as `PixelFaces.places`.
         confidence: (T, P), what each pixel counts; None: 1 each.
         obstacle: the T posed bodies, or whatever vertices must stay outside of.
     """
@@ -37,7 +37,7 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Minimum:
+class SolverResult:
     """What a solver found.
 
     Args:
@@ -58,11 +58,11 @@ class Minimum:
 class Solver(Protocol):
     """Either solver, made once for a template."""
 
-    def edge_stage(self, problem: Problem) -> Minimum:
+    def edge_stage(self, problem: StageProblem) -> SolverResult:
         """First stage: edge lengths and displacements."""
         ...
 
-    def normal_stage(self, problem: Problem) -> Minimum:
+    def normal_stage(self, problem: StageProblem) -> SolverResult:
         """Second stage, equation 8; the terms whose input is missing are left out."""
         ...
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from fusion.batches import Piece, Pipeline, frames_at_once, usable_threads
+from fusion.batches import BatchResult, Pipeline, frames_at_once, usable_threads
 from fusion.config import FusionConfig
 from fusion.inputs import FusionInputs
 from fusion.parallel import one_torch_thread
@@ -23,7 +23,7 @@ from render.threads import one_blas_thread
 #: Given how many frames make a batch, all frames in order, so many at a time; the last batch may be smaller.
 Batches = Callable[[int], Iterator[FusionInputs]]
 #: Gets every batch that is solved, in order.
-Take = Callable[[Piece], object]
+Take = Callable[[BatchResult], object]
 
 
 @one_blas_thread()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from fusion.obstacles.escape import Known, escape
+from fusion.obstacles.escape import SdfCache, escape
 from fusion.obstacles.sdf import Obstacle
 from fusion.topology import Topology
 from render.mesh.mesh import safe_normalize
@@ -93,25 +93,25 @@ def lift_clear(
     loose = torch.ones(vertices.shape[1], dtype=torch.bool, device=vertices.device)
     if fixed is not None:
         loose = ~fixed.to(vertices.device)
-    known = Known(vertices, sdf)
+    cache = SdfCache(vertices, sdf)
     number = 0
     for number in range(rounds + 1):
-        missing = (clearance_m - known.distance) * loose
+        missing = (clearance_m - cache.distance) * loose
         if number == rounds or not bool((missing > 0).any()):
             break
         last = number >= rounds - 2
         reach = float("inf") if last else _REACH * 2**number
-        known.move(_round(known, topology, missing, reach=reach, follow=not last, loose=loose))
-    escaped = torch.zeros_like(known.distance, dtype=torch.bool)
+        cache.move(_round(cache, topology, missing, reach=reach, follow=not last, loose=loose))
+    escaped = torch.zeros_like(cache.distance, dtype=torch.bool)
     if rounds:
-        escaped = escape(known, (known.distance < clearance_m) & loose, clearance_m)
-    remaining = known.distance < clearance_m
-    asked = known.asked / max(remaining.numel(), 1)
-    return Clearance(known.vertices, number, asked, escaped, remaining, known.distance)
+        escaped = escape(cache, (cache.distance < clearance_m) & loose, clearance_m)
+    remaining = cache.distance < clearance_m
+    asked = cache.asked / max(remaining.numel(), 1)
+    return Clearance(cache.vertices, number, asked, escaped, remaining, cache.distance)
 
 
 def _round(
-    known: Known,
+    cache: SdfCache,
     topology: Topology,
     missing: torch.Tensor,
     *,
@@ -121,18 +121,18 @@ def _round(
 ) -> torch.Tensor:
     """(T, N, 3) the vertices after one round of lifting."""
     low = missing > 0
-    deep = low & (known.distance < -reach)
+    deep = low & (cache.distance < -reach)
     lifted = (low & ~deep)[..., None]
     squeezed = (missing < _SQUEEZED)[..., None]
-    way = safe_normalize(known.direction + torch.where(squeezed, known.lifted_along, 0.0))
-    slope = (way * known.direction).sum(-1, keepdim=True).clamp(min=1 / _LONGEST_WAY)
+    way = safe_normalize(cache.direction + torch.where(squeezed, cache.lifted_along, 0.0))
+    slope = (way * cache.direction).sum(-1, keepdim=True).clamp(min=1 / _LONGEST_WAY)
     lift = torch.where(lifted, (missing + _MORE)[..., None] * way / slope, 0.0)
-    known.lifted_along = torch.where(lifted, known.direction, 0.0)
+    cache.lifted_along = torch.where(lifted, cache.direction, 0.0)
     if follow:
         degree = topology.adjacency(lift.new_ones(topology.n_vertices, 1)).clamp(min=1)
         along = _FOLLOW * topology.adjacency(lift) / degree
         lift = torch.where((~low & loose)[..., None], along, lift)
-    vertices = known.vertices + lift
+    vertices = cache.vertices + lift
     return _pulled(vertices, deep, topology) if bool(deep.any()) else vertices
 
 

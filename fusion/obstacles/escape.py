@@ -10,7 +10,7 @@ from fusion.obstacles.sdf import Obstacle
 _DIRECTIONS, _NEAREST, _RATIO, _UTMOST = 64, 1e-3, 1.25, 4.0
 
 
-class Known:
+class SdfCache:
     """Vertices with their distance and direction; only those that moved are asked about again.
 
     Args:
@@ -44,26 +44,26 @@ def padded_places(chosen: torch.Tensor) -> torch.Tensor:
     return torch.argsort(chosen, dim=1, descending=True, stable=True)[:, :most]
 
 
-def escape(known: Known, inside: torch.Tensor, clearance_m: float) -> torch.Tensor:
+def escape(cache: SdfCache, inside: torch.Tensor, clearance_m: float) -> torch.Tensor:
     """Move the vertices `inside` (T, N) to the nearest clear place among a set of directions and distances.
 
     Returns:
         (T, N) bool, those that found one.
     """
     escaped = torch.zeros_like(inside)
-    way = _sphere(_DIRECTIONS).to(known.vertices)
+    way = _sphere(_DIRECTIONS).to(cache.vertices)
     distance = _NEAREST
     while bool(inside.any()) and distance < _UTMOST:
         places = padded_places(inside)
         spots = places[..., None].expand(-1, -1, 3)
-        tried = known.vertices.gather(1, spots)[:, :, None] + distance * way
-        clear = known.sdf.query(tried.flatten(1, 2)).distance.reshape(tried.shape[:-1]) >= clearance_m
-        known.asked += clear.numel()
+        tried = cache.vertices.gather(1, spots)[:, :, None] + distance * way
+        clear = cache.sdf.query(tried.flatten(1, 2)).distance.reshape(tried.shape[:-1]) >= clearance_m
+        cache.asked += clear.numel()
         out = clear.any(-1) & inside.gather(1, places)
         best = clear.to(torch.uint8).argmax(-1)[..., None, None].expand(-1, -1, 1, 3)
-        target = torch.where(out[..., None], tried.gather(2, best)[:, :, 0], known.vertices.gather(1, spots))
+        target = torch.where(out[..., None], tried.gather(2, best)[:, :, 0], cache.vertices.gather(1, spots))
         escaped = escaped.scatter(1, places, out | escaped.gather(1, places))
-        known.move(known.vertices.scatter(1, spots, target))
+        cache.move(cache.vertices.scatter(1, spots, target))
         inside = inside & ~escaped
         distance *= _RATIO
     return escaped

@@ -16,7 +16,7 @@ from fusion.losses import (
     temporal_loss,
 )
 from fusion.obstacles.sdf import Obstacle
-from fusion.stages import Minimum, Problem, Terms, edge_weights, normal_weights, total
+from fusion.stages import SolverResult, StageProblem, Terms, edge_weights, normal_weights, total
 from fusion.topology import Topology, vertices_first
 from render.maps.operator import SparseProduct
 
@@ -41,7 +41,7 @@ class AdamSolver:
     ) -> None:
         self._topology, self._config, self._pixels, self._fixed = topology, config, pixels, fixed
 
-    def edge_stage(self, problem: Problem) -> Minimum:
+    def edge_stage(self, problem: StageProblem) -> SolverResult:
         """First stage: L_e + λ_rv L_rv, the displacement over visible vertices only."""
 
         def terms(vertices: torch.Tensor, step: int) -> Terms:
@@ -49,7 +49,7 @@ class AdamSolver:
 
         return self._minimise(problem, terms, edge_weights(self._config), self._config.edge_steps)
 
-    def normal_stage(self, problem: Problem) -> Minimum:
+    def normal_stage(self, problem: StageProblem) -> SolverResult:
         """Second stage, equation 8."""
         config, topology = self._config, self._topology
         distance = None
@@ -73,7 +73,7 @@ class AdamSolver:
 
         return self._minimise(problem, terms, normal_weights(config), config.normal_steps)
 
-    def _always(self, vertices: torch.Tensor, problem: Problem) -> Terms:
+    def _always(self, vertices: torch.Tensor, problem: StageProblem) -> Terms:
         """The terms of both stages."""
         found = {
             "edge_length_m2": edge_length_loss(vertices, self._topology),
@@ -85,11 +85,11 @@ class AdamSolver:
 
     def _minimise(
         self,
-        problem: Problem,
+        problem: StageProblem,
         terms: Callable[[torch.Tensor, int], Terms],
         weights: Mapping[str, float],
         steps: int,
-    ) -> Minimum:
+    ) -> SolverResult:
         rate = self._config.learning_rate_m
         return minimise(problem.start, terms, weights, steps=steps, learning_rate=rate, fixed=self._fixed)
 
@@ -102,7 +102,7 @@ def minimise(
     steps: int,
     learning_rate: float,
     fixed: torch.Tensor | None = None,
-) -> Minimum:
+) -> SolverResult:
     """Adam on all frames at once; they stay independent, since it scales every coordinate by itself.
 
     Args:
@@ -127,7 +127,7 @@ def minimise(
     with torch.no_grad():
         history.append(terms(vertices, 0))
     curves = {name: torch.stack([values[name] for values in history]) for name in history[0]}
-    return Minimum(vertices.detach(), curves, torch.full((len(start),), steps))
+    return SolverResult(vertices.detach(), curves, torch.full((len(start),), steps))
 
 
 class TangentDistance:

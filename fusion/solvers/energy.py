@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from fusion.losses import second_difference
-from fusion.solvers.pixel_faces import ShownFaces
+from fusion.solvers.pixel_faces import PixelFaces
 from fusion.solvers.recorder import Recorder
 from fusion.topology import Topology
 
@@ -48,7 +48,7 @@ class Energy:
         anchor: torch.Tensor,
         share: torch.Tensor,
         *,
-        shown: ShownFaces | None = None,
+        shown: PixelFaces | None = None,
         target: torch.Tensor | None = None,
         confidence: torch.Tensor | None = None,
     ) -> None:
@@ -129,7 +129,7 @@ class Energy:
 
     def _record_pixels(
         self,
-        shown: ShownFaces,
+        shown: PixelFaces,
         target: torch.Tensor,
         confidence: torch.Tensor | None,
         normal: Any,

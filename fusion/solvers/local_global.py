@@ -11,9 +11,9 @@ import torch
 from fusion.config import FusionConfig
 from fusion.solvers.contact import Contact
 from fusion.solvers.energy import TERMS, Energy
-from fusion.solvers.pixel_faces import ShownFaces, gradient_laplacian
+from fusion.solvers.pixel_faces import PixelFaces, gradient_laplacian
 from fusion.solvers.quasi_newton import descend
-from fusion.stages import Minimum, Problem, edge_weights, normal_weights
+from fusion.stages import SolverResult, StageProblem, edge_weights, normal_weights
 from fusion.topology import Topology
 from render.mesh.factor import Factor
 
@@ -48,7 +48,7 @@ class LocalGlobalSolver:
         config: FusionConfig,
         *,
         seen: torch.Tensor,
-        shown: ShownFaces,
+        shown: PixelFaces,
         device: torch.device,
         dtype: torch.dtype = torch.float32,
         fixed: torch.Tensor | None = None,
@@ -62,12 +62,12 @@ class LocalGlobalSolver:
         self._normal_factor: Factor | None = None
         self._lock = Lock()
 
-    def edge_stage(self, problem: Problem) -> Minimum:
+    def edge_stage(self, problem: StageProblem) -> SolverResult:
         """First stage: L_e + λ_rv L_rv, the displacement over visible vertices only."""
         limits = self._config.edge_iterations, self._config.edge_tolerance
         return self._descend(problem, self._edge_weights, self._edge_factor, limits)
 
-    def normal_stage(self, problem: Problem) -> Minimum:
+    def normal_stage(self, problem: StageProblem) -> SolverResult:
         """Second stage, equation 8; vertices are held outside of the obstacle (see `descend`)."""
         config, contact = self._config, None
         with self._lock:  # of several threads, the first one makes it
@@ -85,12 +85,12 @@ class LocalGlobalSolver:
 
     def _descend(
         self,
-        problem: Problem,
+        problem: StageProblem,
         weights: dict[str, float],
         factor: Factor,
         limits: tuple[int, float],
         contact: Contact | None = None,
-    ) -> Minimum:
+    ) -> SolverResult:
         """Within at most so many steps, or to a tolerance."""
         share = problem.share
         if share is None:
@@ -120,7 +120,7 @@ class LocalGlobalSolver:
         }
         if found.depths is not None:
             history["collision_m"] = found.depths
-        return Minimum(found.vertices, history, found.iterations)
+        return SolverResult(found.vertices, history, found.iterations)
 
     def _edge_hessian(self, seen: np.ndarray) -> scipy.sparse.csr_matrix:
         """Of the first stage."""

@@ -14,7 +14,7 @@ from render.raster.raster import Raster
 
 
 @dataclass(frozen=True, eq=False)
-class ShownFaces:
+class PixelFaces:
     """The covered pixels of a raster, put in the order of the faces that they show.
 
     Args:
@@ -30,7 +30,7 @@ class ShownFaces:
     pixel_start: np.ndarray
 
     @classmethod
-    def of(cls, raster: Raster, topology: Topology) -> ShownFaces:
+    def of(cls, raster: Raster, topology: Topology) -> PixelFaces:
         """Group the covered pixels of all images by face."""
         covered = np.flatnonzero(raster.mask)
         face = raster.face_id.reshape(-1)[covered]

@@ -31,7 +31,7 @@ from render import InputError
 from render.limits import MAX_LENGTH
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.pipeline.fuse import Given, Ways
+    from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions
 
 # Options of the form with --maps.
 SINGLE = ("out", "template", "initial", "body", "under", "pins", *OF_AXES, *OF_GARMENT_AXES, "weld")
@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> None:
     """Fuse one map file, or every clip of a prediction."""
     from fusion.config import FusionConfig  # noqa: PLC0415
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
-    from imgtransfer.pipeline.fuse import Ways  # noqa: PLC0415
+    from imgtransfer.pipeline.fuse import FuseOptions  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
 
     _check_form(args)
@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> None:
     config = load_config(
         FusionConfig, args.config, changes, wanted="YAML with hyper-parameters of the fusion"
     )
-    ways = Ways(config=config, positions_only=args.positions_only, erode=args.erode)
+    ways = FuseOptions(config=config, positions_only=args.positions_only, erode=args.erode)
     if args.maps is not None:
         _fuse_file(args, ways)
         return
@@ -196,7 +196,7 @@ def _check_device(device: str) -> None:
         raise InputError(f"--device {device}: not usable here ({reason}); use cpu") from error
 
 
-def _fuse_file(args: argparse.Namespace, ways: Ways) -> None:
+def _fuse_file(args: argparse.Namespace, ways: FuseOptions) -> None:
     """Fuse --maps; the folder --out appears whole or not at all."""
     from imgtransfer.cli.fuse_files import given_files  # noqa: PLC0415
     from imgtransfer.report.fusion_history import fusion_table  # noqa: PLC0415
@@ -216,7 +216,7 @@ class _Task:
 
     folder: Path
     args: argparse.Namespace
-    ways: Ways
+    ways: FuseOptions
 
     @property
     def name(self) -> str:
@@ -225,7 +225,7 @@ class _Task:
 
 def _fuse_predicted(task: _Task) -> str:
     """Fuse one clip's folder, unless that was done with these settings since it was predicted; a line about it."""
-    from imgtransfer.pipeline.fuse import Given, fused_as, meshes_of  # noqa: PLC0415
+    from imgtransfer.pipeline.fuse import FuseInputs, fused_as, meshes_of  # noqa: PLC0415
     from imgtransfer.pipeline.moving import open_moving  # noqa: PLC0415
 
     folder, args, ways = task.folder, task.args, task.ways
@@ -236,11 +236,15 @@ def _fuse_predicted(task: _Task) -> str:
         if args.meshes:
             meshes_of(target, folder / MESHES_FOLDER, args.meshes)
         return f"{folder}  fused with these settings already; --overwrite does it again"
-    report = _fused(maps, folder, Given(body=open_moving(folder / POSITION_ONLY_FILE, "body")), args, ways)
+    report = _fused(
+        maps, folder, FuseInputs(body=open_moving(folder / POSITION_ONLY_FILE, "body")), args, ways
+    )
     return f"{folder}  {report['frames']} frames, {report['seconds']:.1f} s"
 
 
-def _fused(path: Path, folder: Path, given: Given, args: argparse.Namespace, ways: Ways) -> dict[str, Any]:
+def _fused(
+    path: Path, folder: Path, given: FuseInputs, args: argparse.Namespace, ways: FuseOptions
+) -> dict[str, Any]:
     """Fuse one map file into a folder, with a bar; the report."""
     from tqdm import tqdm  # noqa: PLC0415
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from imgtransfer.cli.mesh_options import check_axes_used, chosen_axes
 from imgtransfer.importers.checks.weld import Welded, weld, weld_motion
-from imgtransfer.pipeline.fuse import Given
+from imgtransfer.pipeline.fuse import FuseInputs
 from imgtransfer.pipeline.moving import Moved, Moving, Pins, is_meshes, load_pins, open_moving
 from render import InputError, load_mesh
 
 
-def given_files(args: argparse.Namespace) -> Given:
+def given_files(args: argparse.Namespace) -> FuseInputs:
     """Read --template, --initial, --body, --under and --pins.
 
     Raises:
@@ -32,7 +32,7 @@ def given_files(args: argparse.Namespace) -> Given:
         raise InputError("--weld goes with --template, whose split seams it joins")
     axes, of_garment = chosen_axes(args)
     of_garment = of_garment or axes
-    given = Given(
+    given = FuseInputs(
         template=of_garment.of_mesh(load_mesh(args.template)) if args.template else None,
         initial=open_moving(args.initial, "garment", of_garment) if args.initial else None,
         body=open_moving(args.body, "body", axes) if args.body else None,
@@ -42,7 +42,7 @@ def given_files(args: argparse.Namespace) -> Given:
     return _welded(given, args) if args.weld else given
 
 
-def _welded(given: Given, args: argparse.Namespace) -> Given:
+def _welded(given: FuseInputs, args: argparse.Namespace) -> FuseInputs:
     """What was given in the numbering of the template's file, in that of its welded vertices."""
     assert given.template is not None
     welded = weld(given.template)

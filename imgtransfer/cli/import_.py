@@ -14,7 +14,7 @@ from render import InputError
 from render.errors import one_line
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.importers.job import Job, Options
+    from imgtransfer.importers.job import ImportOptions, Job
 
 FORMATS = {
     "clips": "clip npz files, folders of them, or data sets (the default)",
@@ -24,7 +24,7 @@ FORMATS = {
     "cloth3d": "CLOTH3D: samples' folders, or folders of them; needs --smpl",
     "virtualbones": "the VirtualBones data set: folders with template.obj; needs --smpl",
 }
-# Options that not every format knows: argument -> formats.
+# ImportOptions that not every format knows: argument -> formats.
 _OF = {
     "fps": ("meshes", "vto", "tailornet", "cloth3d", "virtualbones"),
     "template": ("meshes", "vto"),
@@ -133,8 +133,8 @@ def _kind(args: argparse.Namespace) -> tuple[str, list[Path]]:
     return kind, [Path(word) for word in words]
 
 
-def _options(args: argparse.Namespace, kind: str) -> Options:
-    from imgtransfer.importers.job import Options  # noqa: PLC0415
+def _options(args: argparse.Namespace, kind: str) -> ImportOptions:
+    from imgtransfer.importers.job import ImportOptions  # noqa: PLC0415
 
     if args.fps is not None and not 0 < args.fps < 1e4:
         raise InputError(f"--fps {args.fps}: a positive number of frames a second is wanted")
@@ -142,7 +142,7 @@ def _options(args: argparse.Namespace, kind: str) -> Options:
         if path is not None and not path.exists():
             raise InputError(f"{path}: no such file; a mesh is wanted")
     axes, of_garment = chosen_axes(args)
-    return Options(
+    return ImportOptions(
         split=args.split,
         garment=args.garment,
         clips=tuple(args.clip) if args.clip else None,
@@ -158,7 +158,7 @@ def _options(args: argparse.Namespace, kind: str) -> Options:
     )
 
 
-def _jobs(args: argparse.Namespace, kind: str, paths: list[Path], options: Options) -> list[Job]:
+def _jobs(args: argparse.Namespace, kind: str, paths: list[Path], options: ImportOptions) -> list[Job]:
     for path in paths:
         if kind != "clips" and not path.exists():
             raise InputError(f"{path}: no such file or folder; wanted is {FORMATS[kind]}")

@@ -27,7 +27,7 @@ from render import InputError
 if TYPE_CHECKING:
     from imgtransfer.data.canonical import RootMode
     from imgtransfer.data.source import ClipRef
-    from imgtransfer.pipeline.render import Options
+    from imgtransfer.pipeline.render import RenderOptions
     from imgtransfer.pipeline.scene import Scene
 
 MESH_OPTIONS = ("body", "body_template", "fps", *OF_AXES, *OF_GARMENT_AXES, "weld")  # only with --template
@@ -94,9 +94,9 @@ def run(args: argparse.Namespace) -> None:
     """Render everything that is asked for; the folder of each appears whole or not at all."""
     from tqdm import tqdm  # noqa: PLC0415
 
-    from imgtransfer.pipeline.render import Options, render_scene  # noqa: PLC0415
+    from imgtransfer.pipeline.render import RenderOptions, render_scene  # noqa: PLC0415
 
-    options = Options(
+    options = RenderOptions(
         size=image_size(args.size),
         views=args.views,
         layers=args.layers or 1,
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> None:
             print(f"  {name}: {distance.mean():.3f} mm apart on average, {distance.max():.3f} mm at most")
 
 
-def _summary(target: Path, scene: Scene, options: Options) -> str:
+def _summary(target: Path, scene: Scene, options: RenderOptions) -> str:
     meshes = " and ".join(f"{name}{'.npz' if options.file_format == 'npz' else '/'}" for name in scene.meshes)
     return f"{target}  {scene.n_frames} frames: {meshes}, sheets as .png"
 

@@ -13,7 +13,7 @@ from imgtransfer.report.html import Picture
 from imgtransfer.report.logs import read_curves
 from imgtransfer.report.pictures import (
     SKIN,
-    Surface,
+    ShadedMesh,
     curve_picture,
     error_picture,
     mesh_picture,
@@ -41,12 +41,12 @@ def overview(cases: Sequence[Case]) -> Picture:
     upper = body[body[:, 1] > garment[:, 1].min() - 0.05]
     camera = picture_camera(np.concatenate([upper, garment]), size=(300, 300))
     rest = [
-        Surface(clip.body_rest, clip.body_faces, SKIN),
-        Surface(clip.template_vertices, clip.garment_faces),
+        ShadedMesh(clip.body_rest, clip.body_faces, SKIN),
+        ShadedMesh(clip.template_vertices, clip.garment_faces),
     ]
     pictures = {
         "template": mesh_picture(rest, camera),
-        "posed body": mesh_picture([Surface(body, clip.body_faces, SKIN)], camera),
+        "posed body": mesh_picture([ShadedMesh(body, clip.body_faces, SKIN)], camera),
     }
     for name, maps, mask in (
         ("its positions", body_imager.position_maps(posed, prediction.box), body_imager.mask),
@@ -55,7 +55,7 @@ def overview(cases: Sequence[Case]) -> Picture:
         ("predicted normals", prediction.normals[frame], imager.mask),
     ):
         pictures[name] = _on_white(maps[0].numpy(), mask[0].numpy(), 300)
-    fused = [Surface(body, clip.body_faces, SKIN), Surface(garment, clip.garment_faces)]
+    fused = [ShadedMesh(body, clip.body_faces, SKIN), ShadedMesh(garment, clip.garment_faces)]
     pictures["fused garment"] = mesh_picture(fused, camera)
     sheet = contact_sheet([list(pictures.values())], column_labels=list(pictures), gap=10)
     return Picture(sheet, f"{clip.name}, frame {frame}, front view, pretrained model")
@@ -108,12 +108,12 @@ def meshes(case: Case) -> Picture:
     methods = case.methods
     rows: list[list[np.ndarray]] = [[] for _ in range(1 + len(methods))]
     for frame in frames.astype(int):
-        body = Surface(clip.body_vertices[frame], clip.body_faces, SKIN)
-        truth = Surface(case.truth_vertices[frame], clip.garment_faces)
+        body = ShadedMesh(clip.body_vertices[frame], clip.body_faces, SKIN)
+        truth = ShadedMesh(case.truth_vertices[frame], clip.garment_faces)
         camera = picture_camera(truth.vertices, size=(260, 230))
         rows[0].append(mesh_picture([body, truth], camera))
         for row, method in zip(rows[1:], methods, strict=True):
-            garment = Surface(case.vertices[method][frame], clip.garment_faces)
+            garment = ShadedMesh(case.vertices[method][frame], clip.garment_faces)
             error = case.error_mm(method)[frame]
             row.append(error_picture(garment, error, limit_mm=LIMIT_MM, body=body, camera=camera))
     labels = ["simulated", *(f"{m}, mean {case.error_mm(m).mean():.1f} mm" for m in methods)]

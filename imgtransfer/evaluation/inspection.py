@@ -34,7 +34,7 @@ SIZE_RATIO = (0.05, 3.0)  # height of the garment over that of the body
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClipFinding:
     """Something that looks wrong: a line of text, and the frame that shows it best, if there is one."""
 
     text: str
@@ -68,7 +68,7 @@ class Inspection:
     farthest: np.ndarray = field(default_factory=lambda: np.zeros(0))
     slid: np.ndarray = field(default_factory=lambda: np.zeros(0))
     jitter_mm: float | None = None
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[ClipFinding, ...] = ()
 
 
 def inspect_clip(clip: Clip) -> Inspection:
@@ -89,11 +89,11 @@ def inspect_clip(clip: Clip) -> Inspection:
         *template,
     ]
     if jitter is not None and jitter > JITTER_MM:
-        findings.append(Finding(f"jitters by {jitter:.2f} mm a frame while the body rests", jittery))
+        findings.append(ClipFinding(f"jitters by {jitter:.2f} mm a frame while the body rests", jittery))
     repeated = np.flatnonzero((garment == 0) & (body > RESTING))
     if len(repeated):
         text = f"{len(repeated)} frames repeat the garment of the frame before while the body moves"
-        findings.append(Finding(text, int(repeated[0]) + 1))
+        findings.append(ClipFinding(text, int(repeated[0]) + 1))
     return Inspection(
         clip.name,
         clip.fps,
@@ -163,60 +163,62 @@ def _jitter(garment: np.ndarray, body_speed: np.ndarray) -> tuple[float | None, 
     return 1000 * float(np.mean(jolts)), int(resting[int(np.argmax(jolts))])
 
 
-def _strain_findings(strain: np.ndarray) -> list[Finding]:
+def _strain_findings(strain: np.ndarray) -> list[ClipFinding]:
     found = []
     worst = int(strain[:, 1].argmax())
     if strain[worst, 1] > STRETCHED:
         text = f"1 % of the edges are stretched or pressed by more than {100 * strain[worst, 1]:.0f} %"
-        found.append(Finding(f"{text} in frame {worst}", worst))
+        found.append(ClipFinding(f"{text} in frame {worst}", worst))
     worst = int(strain[:, 2].argmax())
     if strain[worst, 2] > OVERSTRETCHED:
-        found.append(Finding(f"an edge is {1 + strain[worst, 2]:.1f} times as long in frame {worst}", worst))
+        found.append(
+            ClipFinding(f"an edge is {1 + strain[worst, 2]:.1f} times as long in frame {worst}", worst)
+        )
     return found
 
 
 def _distance_findings(
     frames: np.ndarray, inside: np.ndarray, farthest: np.ndarray, slid: np.ndarray
-) -> list[Finding]:
+) -> list[ClipFinding]:
     found = []
     worst = int(slid.argmax())
     if slid[worst] > SLID:
         text = f"the garment has slid: half of it by more than {slid[worst]:.2f} m in frame {frames[worst]}"
-        found.append(Finding(text, int(frames[worst])))
+        found.append(ClipFinding(text, int(frames[worst])))
     worst = int(inside.argmax())
     if inside[worst] > INSIDE_PERCENT:
         text = f"{inside[worst]:.1f} % of the vertices are inside the body in frame {frames[worst]}"
-        found.append(Finding(text, int(frames[worst])))
+        found.append(ClipFinding(text, int(frames[worst])))
     worst = int(farthest.argmax())
     if farthest[worst] > FAR:
         text = f"the garment reaches {farthest[worst]:.2f} m from the body in frame {frames[worst]}"
-        found.append(Finding(f"{text}: it may have slipped off", int(frames[worst])))
+        found.append(ClipFinding(f"{text}: it may have slipped off", int(frames[worst])))
     return found
 
 
-def _speed_findings(garment: np.ndarray, body: np.ndarray) -> list[Finding]:
-    found: list[Finding] = []
+def _speed_findings(garment: np.ndarray, body: np.ndarray) -> list[ClipFinding]:
+    found: list[ClipFinding] = []
     if len(garment) == 0:
         return found
     over = garment - body
     worst = int(over.argmax())
     if over[worst] > FASTER_THAN_BODY:
         text = f"a vertex is {over[worst]:.1f} m/s faster than the body before frame {worst + 1}"
-        found.append(Finding(text, worst + 1))
+        found.append(ClipFinding(text, worst + 1))
     around = np.array([np.median(garment[max(0, t - 3) : t + 4]) for t in range(len(garment))])
     spikes = (garment > SPIKE * around) & (garment > np.maximum(around, body) + SPIKE_SPEED)
     if spikes.any():
         first = int(spikes.argmax())
         text = f"{int(spikes.sum())} sudden jumps of the garment, the first before frame {first + 1}"
-        found.append(Finding(text, first + 1))
+        found.append(ClipFinding(text, first + 1))
     worst = int(body.argmax())
     if body[worst] > BODY_SPEED:
         text = f"the body moves at {body[worst]:.0f} m/s before frame {worst + 1}: a fault of the motion"
-        found.append(Finding(text, worst + 1))
+        found.append(ClipFinding(text, worst + 1))
     return found
 
 
-def _template_findings(clip: Clip) -> list[Finding]:
+def _template_findings(clip: Clip) -> list[ClipFinding]:
     """What is wrong with the meshes in the rest pose."""
     found = []
     template, faces = clip.template_vertices, clip.garment_faces
@@ -224,19 +226,21 @@ def _template_findings(clip: Clip) -> list[Finding]:
     ratio = heights[0] / heights[1] if heights[1] else np.inf
     if not SIZE_RATIO[0] < ratio < SIZE_RATIO[1]:
         text = f"the template is {heights[0]:.3g} m high, the body {heights[1]:.3g} m: other units?"
-        found.append(Finding(text))
+        found.append(ClipFinding(text))
     distance = _signed(BodySdf(clip.body_faces, len(clip.body_rest)), clip.body_rest, template)
     inside = 100 * float((distance < 0).mean())
     if inside > TEMPLATE_INSIDE_PERCENT:
-        found.append(Finding(f"{inside:.1f} % of the template's vertices are inside the resting body"))
+        found.append(ClipFinding(f"{inside:.1f} % of the template's vertices are inside the resting body"))
     away = float(np.median(np.abs(distance)))
     if away > TEMPLATE_NEAR:
         text = f"the template is {away:.2f} m from the resting body: not in the same place?"
-        found.append(Finding(text))
+        found.append(ClipFinding(text))
     unused = len(template) - len(np.unique(faces))
     if unused:
-        found.append(Finding(f"{unused} of the template's vertices belong to no face"))
+        found.append(ClipFinding(f"{unused} of the template's vertices belong to no face"))
     twice = len(template) - len(np.unique(template, axis=0))
     if twice:
-        found.append(Finding(f"{twice} of the template's vertices stand where another does: unwelded seams?"))
+        found.append(
+            ClipFinding(f"{twice} of the template's vertices stand where another does: unwelded seams?")
+        )
     return found

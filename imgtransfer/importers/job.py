@@ -23,7 +23,7 @@ MARK = "imported"  # key of a clip's info: what it was imported from, and how
 
 
 @dataclass(frozen=True)
-class Options:
+class ImportOptions:
     """What a user may say about an import; which of them count depends on the format.
 
     Args:
@@ -72,7 +72,7 @@ class Job:
     read: Callable[[], Clip]
     marked: bool = True
 
-    def mark(self, options: Options) -> str:
+    def mark(self, options: ImportOptions) -> str:
         """A fingerprint of the files (names, sizes, times) and the options: the same import gives the same."""
         files = [
             (file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in self.files if file.is_file()
@@ -87,7 +87,7 @@ def clip_name(garment: str, clip: str) -> str:
     return "/".join(clean)
 
 
-def chosen(jobs: Sequence[Job], options: Options, source: object) -> list[Job]:
+def chosen(jobs: Sequence[Job], options: ImportOptions, source: object) -> list[Job]:
     """The jobs that `options.clips` asks for, checked.
 
     Raises:
@@ -106,7 +106,7 @@ def chosen(jobs: Sequence[Job], options: Options, source: object) -> list[Job]:
     return found
 
 
-def run_jobs(jobs: Sequence[Job], data: DataSet, options: Options) -> int:
+def run_jobs(jobs: Sequence[Job], data: DataSet, options: ImportOptions) -> int:
     """Import clips with a bar; what is there already from the same files with the same options is left.
 
     A clip that cannot be read does not keep the others from being imported.

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from imgtransfer.importers.caches import SUFFIXES as CACHES
 from imgtransfer.importers.frames import MESHES, frame_files
-from imgtransfer.importers.job import Options
+from imgtransfer.importers.job import ImportOptions
 from render import InputError
 from render.files.atomic import check_regular
 from render.files.mesh_files import SUFFIXES as SINGLE
@@ -33,7 +33,7 @@ class Source:
         return (*frames, *(file for file in (self.template, self.body_rest) if file is not None))
 
 
-def find_source(folder: Path, options: Options) -> Source:
+def find_source(folder: Path, options: ImportOptions) -> Source:
     """The files of one clip in its folder; `options.template` and `options.body_rest` come before what is there.
 
     Raises:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fusion import FusionConfig
-from fusion.batches import Piece
+from fusion.batches import BatchResult
 from fusion.map_files import MapSurroundings, fuse_map_parts
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import written_clip
@@ -32,7 +32,7 @@ _TOGETHER = 32  # frames of a result that are read together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Given:
+class FuseInputs:
     """What a map file may be fused with, in world coordinates, metres.
 
     Args:
@@ -51,7 +51,7 @@ class Given:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ways:
+class FuseOptions:
     """How to fuse: the choices that, with the maps, decide the result; see `fusion.map_files.fuse_maps`."""
 
     config: FusionConfig
@@ -67,8 +67,8 @@ class Ways:
 def fuse_into(
     folder: Path,
     maps: Maps,
-    given: Given,
-    ways: Ways,
+    given: FuseInputs,
+    ways: FuseOptions,
     *,
     meshes: MeshKind | None = None,
     device: str = "cpu",
@@ -107,7 +107,7 @@ def fuse_into(
         if meshes:
             frames = stack.enter_context(written_mesh_frames(folder / MESHES_FOLDER, template, meshes))
 
-        def take(piece: Piece) -> None:
+        def take(piece: BatchResult) -> None:
             its = stream.taken()
             vertices = its.frames.to_world(piece.vertices)
             add(vertices, its.body)
@@ -150,7 +150,7 @@ class _Part:
 class _Stream:
     """Frames on their way into the fusion, in canonical frames, and out of it again."""
 
-    def __init__(self, maps: Maps, given: Given) -> None:
+    def __init__(self, maps: Maps, given: FuseInputs) -> None:
         self._maps, self._given = maps, given
         self._pins = None if given.pins is None else given.pins.over(maps.n_frames)
         self._under_way: deque[_Part] = deque()
@@ -199,7 +199,7 @@ def _with_look(template: Mesh, body: Moving | None) -> Mesh:
     return replace(template, surface=clip.surface)
 
 
-def _save_report(folder: Path, report: dict[str, Any], ways: Ways) -> None:
+def _save_report(folder: Path, report: dict[str, Any], ways: FuseOptions) -> None:
     if "history" in report:
         from imgtransfer.report.fusion_history import history_picture  # noqa: PLC0415
 
@@ -212,7 +212,7 @@ def _save_report(folder: Path, report: dict[str, Any], ways: Ways) -> None:
 
 @contextmanager
 def _written_fused(
-    path: Path, template: Mesh, fps: float, body: Moving | None, ways: Ways
+    path: Path, template: Mesh, fps: float, body: Moving | None, ways: FuseOptions
 ) -> Iterator[Callable[[np.ndarray, Moved | None], None]]:
     """Yield what takes frames of fused vertices (T, N, 3), world, and of the body; for the fused.npz at `path`."""
     constant: dict[str, Any] = {
@@ -256,7 +256,7 @@ def _written_fused(
 
 
 def fused_as(path: Path) -> str | None:
-    """`Ways.as_text` of what a fused.npz was made with; None where it is missing, damaged or does not say."""
+    """`FuseOptions.as_text` of what a fused.npz was made with; None where it is missing, damaged or does not say."""
     try:
         text = None
         for part in NpzReader(path).parts(_TOGETHER):  # all of them: it may be damaged anywhere

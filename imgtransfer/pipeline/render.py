@@ -23,7 +23,7 @@ _SHEET_ARRAYS = ("position", "normal", "rotation", "translation")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class RenderOptions:
     """How scenes are rendered.
 
     Args:
@@ -43,7 +43,7 @@ class Options:
 def render_scene(
     scene: Scene,
     target: Path,
-    options: Options,
+    options: RenderOptions,
     *,
     against: Scene | None = None,
     progress: Callable[[int], object] | None = None,

@@ -16,7 +16,7 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import ClipRef
 from imgtransfer.evaluation.inspection import Inspection, inspect_clip
 from imgtransfer.report.html import page
-from imgtransfer.report.pictures import CLOTH, SKIN, Surface, mesh_picture, picture_camera
+from imgtransfer.report.pictures import CLOTH, SKIN, ShadedMesh, mesh_picture, picture_camera
 from imgtransfer.report.svg import line_plot
 from render import InputError
 from render.files.atomic import written_whole
@@ -123,12 +123,12 @@ def _pictures(clip: Clip, count: int, flagged: Sequence[int], size: tuple[int, i
     frames = sorted({*spread.tolist(), *flagged})
     roots = root_frames(clip, "heading")
     bodies = roots.to_canonical(clip.body_vertices)[frames]
-    surfaces = [[Surface(body, clip.body_faces, SKIN)] for body in bodies]
+    surfaces = [[ShadedMesh(body, clip.body_faces, SKIN)] for body in bodies]
     points = bodies.reshape(-1, 3)
     if clip.garment_vertices is not None:
         garments = roots.to_canonical(clip.garment_vertices)[frames]
         for shown, garment in zip(surfaces, garments, strict=True):
-            shown.append(Surface(garment, clip.garment_faces, CLOTH))
+            shown.append(ShadedMesh(garment, clip.garment_faces, CLOTH))
         points = np.concatenate([points, garments.reshape(-1, 3)])
     camera = picture_camera(points, size=size)
     labels = [f"{frame} !" if frame in flagged else str(frame) for frame in frames]

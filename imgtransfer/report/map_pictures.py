@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from imgtransfer.report.pictures import CLOTH, SKIN, Surface, mesh_picture, picture_camera
+from imgtransfer.report.pictures import CLOTH, SKIN, ShadedMesh, mesh_picture, picture_camera
 from render import Camera, TemplateImager, contact_sheet
 from render.pictures import heat_colours, scale_bar
 
@@ -98,7 +98,7 @@ def frames_sheet(
     pictures = []
     for t in range(len(frames)):
         drawn = [
-            Surface(vertices[t], faces, SKIN if name == "body" else CLOTH)
+            ShadedMesh(vertices[t], faces, SKIN if name == "body" else CLOTH)
             for (vertices, faces), name in zip(surfaces, names, strict=True)
         ]
         pictures.append(mesh_picture(drawn, camera, backend=backend))

@@ -21,7 +21,7 @@ _AMBIENT, _DIFFUSE, _HIGHLIGHT = 0.42, 0.55, 0.06
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class ShadedMesh:
     """A mesh with its colour.
 
     Args:
@@ -62,7 +62,7 @@ def picture_camera(
 
 
 def mesh_picture(
-    surfaces: Sequence[Surface], camera: Camera | None = None, *, backend: str = "auto"
+    surfaces: Sequence[ShadedMesh], camera: Camera | None = None, *, backend: str = "auto"
 ) -> np.ndarray:
     """Shaded meshes on white.
 
@@ -98,11 +98,11 @@ def mesh_picture(
 
 
 def error_picture(
-    garment: Surface,
+    garment: ShadedMesh,
     distance_mm: np.ndarray,
     *,
     limit_mm: float,
-    body: Surface | None = None,
+    body: ShadedMesh | None = None,
     camera: Camera | None = None,
     backend: str = "auto",
 ) -> np.ndarray:
@@ -118,7 +118,7 @@ def error_picture(
     Returns:
         (H + 44, W, 3) uint8.
     """
-    coloured = Surface(
+    coloured = ShadedMesh(
         garment.vertices, garment.faces, heat_colours(np.asarray(distance_mm) / limit_mm) / 255
     )
     picture = mesh_picture([coloured] if body is None else [body, coloured], camera, backend=backend)

@@ -13,9 +13,9 @@ from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig, TemplateConfig
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
-from imgtransfer.simulation.body_motion.dressed_body import Movement, Worn, settled
-from imgtransfer.simulation.body_motion.skinned import SkinnedMovement
-from imgtransfer.simulation.body_motion.unskinned import MeshMovement
+from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, settled
+from imgtransfer.simulation.body_motion.skinned import SkinnedBodyMotion
+from imgtransfer.simulation.body_motion.unskinned import MeshBodyMotion
 from imgtransfer.simulation.cloth.substeps import step_count
 from imgtransfer.simulation.config import SimulateConfig, SolverConfig
 from imgtransfer.simulation.quality import Quality, faults, measure, push_out
@@ -42,8 +42,8 @@ def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tupl
         Rejected: the second attempt failed, too.
         InputError: files that cannot be read, or a garment that does not fit the body.
     """
-    kind = MeshMovement if isinstance(motion, MeshSequence) else SkinnedMovement
-    movement: Movement = kind(motion, config)  # type: ignore[arg-type]
+    kind = MeshBodyMotion if isinstance(motion, MeshSequence) else SkinnedBodyMotion
+    movement: BodyMotion = kind(motion, config)  # type: ignore[arg-type]
     worn, moved = movement.worn, movement.body
     pattern = worn.garment.mesh
     template = round_to_grid(settled(worn, config.cloth, config.solver, config.fps))
@@ -92,7 +92,7 @@ def _described(garment: GarmentConfig) -> str:
 
 
 def _simulated(
-    movement: Movement, rest: np.ndarray, config: SimulateConfig, solver: SolverConfig
+    movement: BodyMotion, rest: np.ndarray, config: SimulateConfig, solver: SolverConfig
 ) -> tuple[np.ndarray, np.ndarray]:
     """(T, N, 3) the cloth at every frame of the clip, the first after warming up, and (T - 1,) substeps of each."""
     worn = movement.worn
@@ -111,7 +111,9 @@ def _simulated(
     return movement.placed(np.stack(vertices)), np.array(steps[movement.start :])
 
 
-def _checked(worn: Worn, vertices: np.ndarray, moved: np.ndarray, fps: float) -> tuple[np.ndarray, Quality]:
+def _checked(
+    worn: DressedBody, vertices: np.ndarray, moved: np.ndarray, fps: float
+) -> tuple[np.ndarray, Quality]:
     """The vertices (T, N, 3) outside the body (T, B, 3) and on the grid, and how good they are."""
     pattern = worn.garment.mesh
     if not np.isfinite(vertices).all():

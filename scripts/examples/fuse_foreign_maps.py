@@ -23,7 +23,7 @@ from fusion import BodySdf
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import open_clips
-from imgtransfer.report.pictures import SKIN, Surface, error_picture, mesh_picture, picture_camera
+from imgtransfer.report.pictures import SKIN, ShadedMesh, error_picture, mesh_picture, picture_camera
 from render import Mesh, TemplateImager, contact_sheet, vertex_normals, write_png
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -139,7 +139,7 @@ def measured(vertices: np.ndarray, truth: Truth) -> list[float]:
 def picture(folder: Path, results: dict[str, np.ndarray], truth: Truth) -> np.ndarray:
     """The maps of one frame, its truth, and what the first and the last run made of it, coloured by the error."""
     clip, frame, faces = truth.clip, len(truth.vertices) // 2, truth.clip.garment_faces
-    body = Surface(clip.body_vertices[frame], clip.body_faces, SKIN)
+    body = ShadedMesh(clip.body_vertices[frame], clip.body_faces, SKIN)
     camera = picture_camera(truth.vertices[frame], size=(CELL, CELL))
     shown: dict[str, np.ndarray] = {}
     with np.load(folder / "maps.npz") as maps:
@@ -147,12 +147,12 @@ def picture(folder: Path, results: dict[str, np.ndarray], truth: Truth) -> np.nd
         pixel = np.arange(CELL) * len(mask) // CELL
         for name in ("position", "normal"):
             shown[f"{name}s given"] = np.where(mask, maps[name][frame, 0], 1.0)[pixel[:, None], pixel]
-    shown["truth"] = mesh_picture([body, Surface(truth.vertices[frame], faces)], camera)
+    shown["truth"] = mesh_picture([body, ShadedMesh(truth.vertices[frame], faces)], camera)
     first, last = next(iter(results)), list(results)[-1]
-    shown["all of it"] = mesh_picture([body, Surface(results[last][frame], faces)], camera)
+    shown["all of it"] = mesh_picture([body, ShadedMesh(results[last][frame], faces)], camera)
     for name, title in ((first, f"error, {first}"), (last, "error, all of it")):
         error = 1000 * np.linalg.norm(results[name][frame] - truth.vertices[frame], axis=-1)
-        surface = Surface(results[name][frame], faces)
+        surface = ShadedMesh(results[name][frame], faces)
         shown[title] = error_picture(surface, error, limit_mm=LIMIT_MM, camera=camera)
     return contact_sheet([list(shown.values())], column_labels=list(shown))
 

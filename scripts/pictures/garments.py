@@ -25,7 +25,7 @@ from imgtransfer.garments.checks import mesh_quality
 from imgtransfer.garments.config import DressConfig, MadeConfig, SkirtConfig, TrousersConfig, TShirtConfig
 from imgtransfer.garments.garment import Garment, make_garment
 from imgtransfer.motions.library import make_motion
-from imgtransfer.report.pictures import SKIN, Surface, mesh_picture, picture_camera
+from imgtransfer.report.pictures import SKIN, ShadedMesh, mesh_picture, picture_camera
 from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.run import simulate_clip
 from render.pictures import contact_sheet, write_png
@@ -47,7 +47,10 @@ def rest_sheet(garments: dict[tuple[str, str], Garment]) -> np.ndarray:
 
     def pictures(shape: str, garment: Garment) -> list[np.ndarray]:
         body = load_body(SHAPES[shape])
-        surfaces = [Surface(body.rest, body.faces, SKIN), Surface(garment.mesh.vertices, garment.mesh.faces)]
+        surfaces = [
+            ShadedMesh(body.rest, body.faces, SKIN),
+            ShadedMesh(garment.mesh.vertices, garment.mesh.faces),
+        ]
         return [
             mesh_picture(surfaces, picture_camera(body.rest, view=view, turn_degrees=turn, size=SIZE))
             for view, turn in VIEWS
@@ -75,7 +78,7 @@ def posed_sheet(detail: str) -> np.ndarray:
         drawn = []
         for frame in FRAMES:
             body, cloth = clip.body_vertices[frame], clip.garment_vertices[frame]
-            surfaces = [Surface(body, clip.body_faces, SKIN), Surface(cloth, clip.garment_faces)]
+            surfaces = [ShadedMesh(body, clip.body_faces, SKIN), ShadedMesh(cloth, clip.garment_faces)]
             drawn.append(mesh_picture(surfaces, picture_camera(body, size=SIZE)))
         return drawn
 

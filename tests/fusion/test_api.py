@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from fusion import BodySdf, FusionConfig, Topology, clear_body, fuse
 from fusion.solvers.adam import AdamSolver, TangentDistance, minimise
-from fusion.stages import Problem
+from fusion.stages import StageProblem
 from render import InputError
 from tests.helpers.fusion_examples import cylinder_body, imager_of, leaning, true_maps, tube, wrinkled
 
@@ -116,10 +116,10 @@ def test_batched_gradient_steps_are_those_of_single_frames_in_float64():
     )
     start = torch.from_numpy(mesh.vertices) + 0.003 * noise
     solver = AdamSolver(Topology(mesh), FusionConfig(edge_steps=20))
-    together = solver.edge_stage(Problem(start=start, anchor=start)).vertices
+    together = solver.edge_stage(StageProblem(start=start, anchor=start)).vertices
     for frame in range(3):
         single = start[frame : frame + 1]
-        alone = solver.edge_stage(Problem(start=single, anchor=single)).vertices[0]
+        alone = solver.edge_stage(StageProblem(start=single, anchor=single)).vertices[0]
         torch.testing.assert_close(together[frame], alone, rtol=0, atol=1e-12)
 
 
@@ -134,7 +134,7 @@ def test_stages_leave_what_they_start_from_unchanged(scene):
         start = layout(torch.from_numpy(scene["truth"]))
         kept = start.clone()
         solver = AdamSolver(Topology(scene["imager"].mesh), FusionConfig(normal_steps=3))
-        found = solver.normal_stage(Problem(start=start, anchor=start))
+        found = solver.normal_stage(StageProblem(start=start, anchor=start))
         assert torch.equal(start, kept)
         assert found.at(-1)["displacement_m2"].min() > 0
 

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from fusion import BodySdf, fuse, parallel
-from fusion.solvers import energy_kernels
 from fusion.parallel import n_threads, one_torch_thread, run_all
+from fusion.solvers import energy_kernels
 from tests.helpers.fusion_examples import cylinder_body, imager_of, true_maps, tube, wrinkled
 
 

@@ -9,10 +9,10 @@ import torch
 from fusion import FusionConfig, fuse_maps, parallel
 from fusion.map_files import MapSurroundings, fuse_map_parts
 from fusion.report import _StageSums
-from fusion.stages import Minimum
+from fusion.stages import SolverResult
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import load_clip, written_clip
-from imgtransfer.pipeline.fuse import Given, Ways, fuse_into
+from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions, fuse_into
 from imgtransfer.pipeline.moving import open_moving
 from render import InputError, load_maps, open_maps, written_maps
 from tests.helpers.fusion_examples import write_example
@@ -52,13 +52,13 @@ def test_files_give_what_arrays_give(folder, tmp_path, threads, batch):
         body_vertices=frames.to_canonical(clip.body_vertices),
         body_faces=clip.body_faces,
     )
-    given = Given(body=open_moving(folder / "longer.npz", "body"))
+    given = FuseInputs(body=open_moving(folder / "longer.npz", "body"))
     done = []
     report = fuse_into(
         tmp_path,
         open_maps(folder / "long.npz"),
         given,
-        Ways(config=config),
+        FuseOptions(config=config),
         meshes="ply",
         progress=done.append,
     )
@@ -97,7 +97,7 @@ def test_what_is_wrong_with_a_late_frame_is_named_and_leaves_nothing(folder, tmp
     config = FusionConfig(**QUICK, batch_frames=2)
     out = tmp_path / "out"
     with pytest.raises(InputError, match=r"bad\.npz: frames 4 to 4: maps: position must be finite"):
-        fuse_into(out, open_maps(tmp_path / "bad.npz"), Given(), Ways(config=config))
+        fuse_into(out, open_maps(tmp_path / "bad.npz"), FuseInputs(), FuseOptions(config=config))
     assert list(out.iterdir()) == []
 
 
@@ -111,7 +111,7 @@ def test_confidence_of_a_late_frame_counts_for_all(folder, tmp_path):
         for part in type(maps)(**weighted).parts(2):
             add(part)
     config = FusionConfig(**QUICK, batch_frames=2)
-    fuse_into(tmp_path / "out", open_maps(tmp_path / "w.npz"), Given(), Ways(config=config))
+    fuse_into(tmp_path / "out", open_maps(tmp_path / "w.npz"), FuseInputs(), FuseOptions(config=config))
     want = fuse_maps(load_maps(tmp_path / "w.npz"), config=config)
     with np.load(tmp_path / "out" / "fused.npz") as found:
         frames = RootFrames(maps.rotation, maps.translation)
@@ -123,6 +123,6 @@ def test_frames_that_finish_sooner_stay_at_their_last_value_in_the_means():
     sums = _StageSums()
     for values in ([[4.0], [2.0]], [[1.0, 7.0], [0.0, 4.0], [2.0, 1.0]]):
         history = {"edge_length_m2": torch.tensor(values)}
-        sums.add(Minimum(torch.zeros(0), history, torch.full((len(values[0]),), len(values))))
+        sums.add(SolverResult(torch.zeros(0), history, torch.full((len(values[0]),), len(values))))
     assert sums.curves()["edge_length_m2"].tolist() == [12 / 3, 6 / 3, 5 / 3]
     assert (sums.frames, sums.iterations) == (3, 2 + 3 + 3)

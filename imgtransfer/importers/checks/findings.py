@@ -8,15 +8,15 @@ from typing import Literal
 
 from render import InputError
 
-Kind = Literal["unit", "axes", "apart", "inside", "inside_out", "seams", "pieces", "unused", "edges"]
+FaultKind = Literal["unit", "axes", "apart", "inside", "inside_out", "seams", "pieces", "unused", "edges"]
 Say = Callable[[str, str], str]  # an option's name and value -> what messages call it
 
 
 @dataclass(frozen=True)
-class Finding:
+class MeshFault:
     """One thing that is wrong. `text` says what and how to mend it; `severe` stops the work unless told otherwise."""
 
-    kind: Kind
+    kind: FaultKind
     text: str
     severe: bool
 
@@ -27,7 +27,7 @@ def as_flag(name: str, value: str) -> str:
 
 
 def refuse(
-    findings: Sequence[Finding], *, anyway: bool = False, hint: str = " (--anyway goes on all the same)"
+    findings: Sequence[MeshFault], *, anyway: bool = False, hint: str = " (--anyway goes on all the same)"
 ) -> list[str]:
     """Stop at severe findings.
 

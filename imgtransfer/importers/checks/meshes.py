@@ -9,7 +9,7 @@ import torch
 
 from fusion import BodySdf
 from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, guess_axes, likely_unit
-from imgtransfer.importers.checks.findings import Finding, Say, as_flag
+from imgtransfer.importers.checks.findings import MeshFault, Say, as_flag
 from imgtransfer.importers.checks.topology import check_topology
 from render import Mesh, vertex_normals
 
@@ -24,7 +24,7 @@ def check_template(
     garment_given: Axes | None = None,
     welding: bool = False,
     say: Say = as_flag,
-) -> list[Finding]:
+) -> list[MeshFault]:
     """Check a garment and the body that it is to be worn by, both in the rest pose.
 
     Args:
@@ -47,7 +47,7 @@ def check_template(
     return found + check_topology(garment, welding=welding, say=say)
 
 
-def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes, say: Say) -> list[Finding]:
+def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes, say: Say) -> list[MeshFault]:
     """Whether the body is of human size, and the garment fits its size."""
     size, cloth = (float(np.ptp(mesh.vertices, axis=0).max()) for mesh in (body, garment))
     if not 0.4 <= size <= 2.8:
@@ -58,7 +58,7 @@ def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes, say: Say)
             else "give its unit by --scale METRES"
         )
         return [
-            Finding(
+            MeshFault(
                 "unit",
                 f"{body.source}: the body would be {size:.3g} m large, a person is 0.4 to 2.8 m; {hint}",
                 True,
@@ -70,24 +70,24 @@ def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes, say: Say)
             unit = next((name for name, value in UNITS.items() if np.isclose(value, metres)), None)
             hint = f": add {say('garment-unit', unit)}" if unit else ""
             text = f"{garment.source}: the garment would be {cloth:.3g} m large on a body of {size:.3g} m; "
-            return [Finding("unit", f"{text}its file is in other units than the body's{hint}", True)]
+            return [MeshFault("unit", f"{text}its file is in other units than the body's{hint}", True)]
     return []
 
 
-def _axes(body: Mesh, given: Axes) -> list[Finding]:
+def _axes(body: Mesh, given: Axes) -> list[MeshFault]:
     """Whether the body stands upright and faces +z, where its shape tells."""
     guessed = guess_axes(body.vertices @ given.rotation)  # back in the file's axes
     if guessed is None or (guessed.up, guessed.facing) == (given.up, given.facing):
         return []
     text = f"{body.source}: the body stands along {guessed.up} and faces {guessed.facing}"
-    return [Finding("axes", f"{text}, not {given.up} and {given.facing}; add {guessed}", True)]
+    return [MeshFault("axes", f"{text}, not {given.up} and {given.facing}; add {guessed}", True)]
 
 
-def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[Finding]:
+def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[MeshFault]:
     """Whether the garment is on the body, outside of it, and not inside out."""
     if _volume(body) < 0:
         text = f"{body.source}: the body's triangles are seen from inside (or its axes are left-handed)"
-        return [Finding("inside_out", f"{text}; export it with outward faces and right-handed axes", True)]
+        return [MeshFault("inside_out", f"{text}; export it with outward faces and right-handed axes", True)]
     sdf = BodySdf(body.faces, len(body.vertices))
     sdf.update(body.vertices)
     points = torch.from_numpy(garment.vertices)
@@ -102,7 +102,7 @@ def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[Fin
         text = f"{garment.source}: the garment is not on the body in the rest pose: its nearest vertex is "
         text += f"{distance.min():.2f} m away, the middle of the body lies by ({way}) m from its middle"
         hint = _turn(garment, sdf, garment_given, say) or "export both from the same scene in the same pose"
-        return [Finding("apart", f"{text}; {hint}", True)]
+        return [MeshFault("apart", f"{text}; {hint}", True)]
     inside = distance < 0
     if inside.any():
         deepest = -float(distance.min())
@@ -113,12 +113,12 @@ def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[Fin
         text += (
             f"{1000 * deepest:.1f} mm; {hint or 'move them out, or export garment and body in the same pose'}"
         )
-        found.append(Finding("inside", text, bool(deepest > DEEP)))
+        found.append(MeshFault("inside", text, bool(deepest > DEEP)))
     normals = vertex_normals(points, torch.from_numpy(garment.faces))
     outward = ((normals * query.direction.double()).sum(-1) > 0).double()
     if float(outward.mean()) < 0.3:
         text = f"{garment.source}: the garment's triangles are seen from inside; flip its normals and export again"
-        found.append(Finding("inside_out", text, True))
+        found.append(MeshFault("inside_out", text, True))
     return found
 
 

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from imgtransfer.importers.checks.findings import Finding, Say, as_flag
+from imgtransfer.importers.checks.findings import MeshFault, Say, as_flag
 from imgtransfer.importers.checks.weld import seam_groups
 from render import Mesh
 
 
-def check_topology(garment: Mesh, *, welding: bool = False, say: Say = as_flag) -> list[Finding]:
+def check_topology(garment: Mesh, *, welding: bool = False, say: Say = as_flag) -> list[MeshFault]:
     """Check a garment's connectivity: seams that were split, loose pieces, vertices and edges that do no work.
 
     Args:
@@ -24,7 +24,7 @@ def check_topology(garment: Mesh, *, welding: bool = False, say: Say = as_flag) 
     if joined and not welding:
         text = f"{garment.source}: {joined} of {count} vertices lie on others, where seams were split (by texture "
         text += f"coordinates or panels); cloth would come apart there: add {say('weld', '')}"
-        found.append(Finding("seams", text, True))
+        found.append(MeshFault("seams", text, True))
     faces = first[garment.faces]
     used = np.zeros(count, bool)
     used[garment.faces] = True
@@ -32,17 +32,17 @@ def check_topology(garment: Mesh, *, welding: bool = False, say: Say = as_flag) 
     if len(pieces) > 1:
         sizes = ", ".join(str(size) for size in pieces[:5]) + (" ..." if len(pieces) > 5 else "")
         text = f"{garment.source}: {len(pieces)} separate pieces ({sizes} vertices); they are taken as one garment"
-        found.append(Finding("pieces", text, False))
+        found.append(MeshFault("pieces", text, False))
     if not used.all():
         text = f"{garment.source}: {(~used).sum()} vertices belong to no triangle (vertex {int(np.argmin(used))} first)"
-        found.append(Finding("unused", f"{text}; nothing can be recovered for them: delete them", False))
+        found.append(MeshFault("unused", f"{text}; nothing can be recovered for them: delete them", False))
     halves = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, uses = np.unique(halves[halves[:, 0] != halves[:, 1]], axis=0, return_counts=True)
     if (uses > 2).any():
         text = (
             f"{garment.source}: {(uses > 2).sum()} edges have three or more triangles; cloth has one or two"
         )
-        found.append(Finding("edges", text, False))
+        found.append(MeshFault("edges", text, False))
     return found
 
 

@@ -6,11 +6,11 @@ import re
 from pathlib import Path
 
 from imgtransfer.data.source import clip_refs
-from imgtransfer.importers.job import Job, Options
+from imgtransfer.importers.job import ImportOptions, Job
 from render import InputError
 
 
-def jobs(paths: list[Path], options: Options) -> list[Job]:
+def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     """One job a clip. Every npz is read once here, so that a bad one stops the import before anything is written.
 
     tshirt_walk.npz becomes tshirt/walk; with `options.garment`, <garment>/tshirt_walk. Clips of a data set keep their

@@ -25,7 +25,7 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.importers.caches import read_cache
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_data_file, check_shape, natural_sort
-from imgtransfer.importers.job import Job, Options, clip_name
+from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, load_mesh
 
@@ -36,7 +36,7 @@ _KEYS = ("poses", "shape", "trans", "gender", "zrot")
 _LEGS_APART = 0.15  # radians, of each hip in the rest pose
 
 
-def jobs(paths: list[Path], options: Options) -> list[Job]:
+def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     """One job a garment of each sample below `paths`: samples' folders, or folders of them.
 
     Garments differ in their mesh from sample to sample, so each is a garment of its own, `<Garment>_<sample>`.
@@ -72,7 +72,7 @@ def jobs(paths: list[Path], options: Options) -> list[Job]:
     return found
 
 
-def _clip(path: Path, model_of: Any, options: Options) -> Clip:
+def _clip(path: Path, model_of: Any, options: ImportOptions) -> Clip:
     info = _Info(path.with_name("info.mat"))
     model: SmplModel = model_of(options.gender or info.gender)
     template = load_mesh(path.with_suffix(".obj"))

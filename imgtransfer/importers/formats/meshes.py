@@ -19,7 +19,7 @@ from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import natural_sort
-from imgtransfer.importers.job import Job, Options, clip_name
+from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.mesh_files import Source, check_frames, find_source, moving_in
 from imgtransfer.importers.part import Part
 from render import InputError
@@ -27,7 +27,7 @@ from render import InputError
 FPS = 30.0
 
 
-def jobs(paths: list[Path], options: Options) -> list[Job]:
+def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     """One job a clip's folder in `paths`; a folder of such folders will do.
 
     Each is checked before any is read whole; what is odd but no obstacle is printed.
@@ -44,7 +44,7 @@ def jobs(paths: list[Path], options: Options) -> list[Job]:
     return [job_of(folder.resolve().name, find_source(folder, options), options) for folder in folders]
 
 
-def job_of(name: str, source: Source, options: Options) -> Job:
+def job_of(name: str, source: Source, options: ImportOptions) -> Job:
     """The job for one clip, after its first frame and its rest pose have been checked.
 
     Args:
@@ -62,7 +62,7 @@ def job_of(name: str, source: Source, options: Options) -> Job:
     )
 
 
-def _prepare(source: Source, options: Options, *, check: bool) -> tuple[Part, Part]:
+def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Part, Part]:
     """Garment and body with their rest pose and first frames; `check` them, and print what does not stop the work."""
     garment_axes = options.garment_axes or options.axes
     garment = Part.open("garment", source.garment, source.template, garment_axes)
@@ -81,7 +81,7 @@ def _prepare(source: Source, options: Options, *, check: bool) -> tuple[Part, Pa
     return garment, body
 
 
-def _clip(source: Source, options: Options) -> Clip:
+def _clip(source: Source, options: ImportOptions) -> Clip:
     parts = _prepare(source, options, check=False)
     with tqdm(
         total=len(source.files()), desc=source.garment.parent.name, unit="file", leave=False, disable=None

@@ -24,7 +24,7 @@ import numpy as np
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_shape, load_array, load_arrays, natural_sort
-from imgtransfer.importers.job import Job, Options, clip_name
+from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.pickles.reading import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, skinned, smpl_body
 from render import InputError
@@ -36,7 +36,7 @@ _SOURCE = "TailorNet data set, Patel et al. 2020, github.com/zycliao/TailorNet_d
 _CONVERTER = "python smpl_lib/convert_smpl_models.py in https://github.com/zycliao/TailorNet_dataset makes it"
 
 
-def jobs(paths: list[Path], options: Options) -> list[Job]:
+def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     """One job a sequence below `paths`: folders `<class>_<gender>`, or the data set's root with several of them.
 
     Sequences whose simulation failed have no displacements in the data set; they are left out.
@@ -56,7 +56,7 @@ def jobs(paths: list[Path], options: Options) -> list[Job]:
     return found
 
 
-def _jobs_of(folder: Path, options: Options) -> list[Job]:
+def _jobs_of(folder: Path, options: ImportOptions) -> list[Job]:
     match = re.fullmatch(r"(.+)_(female|male)", folder.resolve().name)
     if match is None:
         raise InputError(f"{folder}: the folder's name must be <class>_<gender>, such as t-shirt_female")
@@ -85,7 +85,7 @@ def _jobs_of(folder: Path, options: Options) -> list[Job]:
 class _Garment:
     """What all sequences of one folder share: the garment on the fine body, and the body itself."""
 
-    def __init__(self, folder: Path, kind: str, gender: str, options: Options) -> None:
+    def __init__(self, folder: Path, kind: str, gender: str, options: ImportOptions) -> None:
         self.folder, self.options = folder, options
         root = folder.resolve().parent
         fine_path = root / f"smpl/smpl_hres_{gender}.npz"

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_shape, load_arrays, natural_sort
-from imgtransfer.importers.job import Job, Options, clip_name
+from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, Mesh, load_mesh
 
@@ -39,7 +39,7 @@ _TEMPLATE_UNITS = (1.0, 0.1, 0.01, 0.001)
 _SPREAD = 0.25  # metres, how far the garment may be from its template on average in the right frame
 
 
-def jobs(paths: list[Path], options: Options) -> list[Job]:
+def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     """One job a clip of the garments' folders in `paths`, each with template.obj; or of a folder of such folders.
 
     Raises:
@@ -85,7 +85,7 @@ def _template(path: Path) -> Mesh:
     return Mesh(_UP.apply(mesh.vertices * unit - ROOT), mesh.faces, source=str(path), surface=mesh.surface)
 
 
-def _clip(path: Path, template: Mesh, model: SmplModel, options: Options) -> Clip:
+def _clip(path: Path, template: Mesh, model: SmplModel, options: ImportOptions) -> Clip:
     stored = load_arrays(path, ["pose", "trans", "sim_res"])
     moved = check_shape(str(path), "sim_res", stored["sim_res"], (None, len(template.vertices), 3)).astype(
         np.float64

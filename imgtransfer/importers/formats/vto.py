@@ -24,7 +24,7 @@ from fusion import BodySdf
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import as_array, check_shape, natural_sort
-from imgtransfer.importers.job import Job, Options, clip_name
+from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.pickles.reading import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, Mesh, load_mesh
@@ -38,7 +38,7 @@ _TEMPLATE = (
 )
 
 
-def jobs(paths: list[Path], options: Options) -> list[Job]:
+def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     """One job a .pkl file of `paths`, which are files or folders of them (folders in folders too).
 
     Raises:
@@ -75,7 +75,7 @@ def _template_file(given: Path | None, garment: str) -> Path:
     return given / f"{garment}.obj" if given.is_dir() else given
 
 
-def _clip(path: Path, template: Mesh, model: SmplModel, sequence: str, options: Options) -> Clip:
+def _clip(path: Path, template: Mesh, model: SmplModel, sequence: str, options: ImportOptions) -> Clip:
     betas, numbers, vertices, faces = _arrays(path, load_pickle(path), sequence)
     if len(template.vertices) != vertices.shape[1]:
         raise InputError(

@@ -19,7 +19,7 @@ SETTLE_DAMPING = 0.85  # of velocities, a frame, while the cloth comes to rest
 
 
 @dataclass(frozen=True, eq=False)
-class Worn:
+class DressedBody:
     """A garment on its body at rest.
 
     Args:
@@ -38,7 +38,7 @@ class Worn:
         return ClothOnBody(self.garment.mesh, self.rest, self.faces, config, solver, held=self.garment.held)
 
 
-class Movement(ABC):
+class BodyMotion(ABC):
     """How a body moves: from its rest pose to the first frame of a clip, and on to the last.
 
     It is known at key frames, 1 / `fps` apart, of which the first is the rest pose and number `start` the clip's first
@@ -48,7 +48,7 @@ class Movement(ABC):
 
     name: str
     fps: float
-    worn: Worn
+    worn: DressedBody
     start: int
 
     @property
@@ -87,7 +87,7 @@ def warm_up_shares(solver: SolverConfig, fps: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def settled(worn: Worn, material: ClothConfig, solver: SolverConfig, fps: float) -> np.ndarray:
+def settled(worn: DressedBody, material: ClothConfig, solver: SolverConfig, fps: float) -> np.ndarray:
     """(N, 3) the cloth at rest on the resting body, outside it; for every clip, hence computed once a process."""
     cloth = worn.cloth(material, solver)
     for _ in range(round(solver.settle_seconds * fps)):

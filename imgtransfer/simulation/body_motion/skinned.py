@@ -13,13 +13,13 @@ from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig
 from imgtransfer.garments.garment import make_garment
 from imgtransfer.motions.motion import Motion
-from imgtransfer.simulation.body_motion.dressed_body import Movement, Worn, warm_up_shares
+from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_shares
 from imgtransfer.simulation.cloth.substeps import skin_under
 from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.planning.fingerprint import garment_content
 
 
-class SkinnedMovement(Movement):
+class SkinnedBodyMotion(BodyMotion):
     """The configuration's body in a motion: its bones turn evenly, the skin follows by linear blend skinning.
 
     The clip is moved so that the root starts where it rests: nothing here needs a floor.
@@ -90,7 +90,9 @@ class SkinnedMovement(Movement):
 
 
 @lru_cache(maxsize=4)
-def _dressed(wearer: BodyConfig, kind: GarmentConfig, content: str) -> tuple[Worn, SkinnedBody, np.ndarray]:
+def _dressed(
+    wearer: BodyConfig, kind: GarmentConfig, content: str
+) -> tuple[DressedBody, SkinnedBody, np.ndarray]:
     """The garment on the body, and the blend weights (H, K) with which its held vertices move.
 
     Args:
@@ -102,7 +104,7 @@ def _dressed(wearer: BodyConfig, kind: GarmentConfig, content: str) -> tuple[Wor
     garment = make_garment(body, kind, like=like)
     mesh = garment.mesh
     weights = body.weights_near(mesh.vertices[garment.held])
-    return Worn(body.rest, body.faces, garment, skin_under(mesh.vertices, body.rest)), body, weights
+    return DressedBody(body.rest, body.faces, garment, skin_under(mesh.vertices, body.rest)), body, weights
 
 
 def _repeated(bones: BonePoses, frames: int) -> BonePoses:

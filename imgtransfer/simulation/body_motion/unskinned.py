@@ -15,7 +15,7 @@ from imgtransfer.garments.garment import load_template
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import seam_groups
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
-from imgtransfer.simulation.body_motion.dressed_body import Movement, Worn, warm_up_shares
+from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_shares
 from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation, rigid_rotation
 from imgtransfer.simulation.cloth.skin_points import SkinPoints
 from imgtransfer.simulation.cloth.substeps import skin_under
@@ -24,7 +24,7 @@ from imgtransfer.simulation.planning.fingerprint import garment_content
 from render import InputError, Mesh
 
 
-class MeshMovement(Movement):
+class MeshBodyMotion(BodyMotion):
     """A mesh sequence: between frames the skin moves on straight lines, and held vertices with the skin below them.
 
     From the rest pose the body comes to its first frame by Poisson shape interpolation. Where on the floor it stands
@@ -101,11 +101,11 @@ class _Rest:
 
 
 @lru_cache(maxsize=4)
-def _dressed(body: _Rest, kind: GarmentConfig, content: str) -> tuple[Worn, SkinPoints]:
+def _dressed(body: _Rest, kind: GarmentConfig, content: str) -> tuple[DressedBody, SkinPoints]:
     """The garment on the body, and its held vertices as points of the skin; `content` is that of the garment's file."""
     if not isinstance(kind, TemplateConfig):
         raise InputError(needs_template(kind))
     garment, _ = load_template(body.mesh, kind, body_axes=body.axes)
     rest, mesh = body.mesh.vertices.astype(np.float32), garment.mesh
-    worn = Worn(rest, body.mesh.faces.astype(np.int32), garment, skin_under(mesh.vertices, rest))
+    worn = DressedBody(rest, body.mesh.faces.astype(np.int32), garment, skin_under(mesh.vertices, rest))
     return worn, SkinPoints(mesh.vertices[garment.held], rest, body.mesh.faces)

@@ -13,7 +13,7 @@ from fusion.losses import (
     temporal_loss,
 )
 from fusion.solvers.energy import TERMS, Energy
-from fusion.solvers.pixel_faces import ShownFaces, gradient_laplacian
+from fusion.solvers.pixel_faces import PixelFaces, gradient_laplacian
 from render import Mesh
 from render.mesh.mesh import safe_normalize
 from tests.helpers.fusion_examples import imager_of, tube, wrinkled
@@ -32,7 +32,7 @@ FRAMES = 4
 def parts():
     imager = imager_of(tube())
     topology = Topology(imager.mesh)
-    return topology, ShownFaces.of(imager.raster, topology)
+    return topology, PixelFaces.of(imager.raster, topology)
 
 
 def problem(parts, dtype=torch.float64):

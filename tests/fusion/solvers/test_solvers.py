@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from fusion import BodySdf, FusionConfig, Topology, fuse
 from fusion.solvers.adam import AdamSolver
 from fusion.solvers.local_global import LocalGlobalSolver
-from fusion.solvers.pixel_faces import ShownFaces
+from fusion.solvers.pixel_faces import PixelFaces
 from fusion.solvers.quasi_newton import _PAIRS, _Memory
-from fusion.stages import Problem, edge_weights, normal_weights, total
+from fusion.stages import StageProblem, edge_weights, normal_weights, total
 from render import InputError, Mesh, TemplateImager
 from render.mesh.factor import Factor
 from render.mesh.mesh import safe_normalize
@@ -124,14 +124,14 @@ def small_problem():
     mesh = patch()
     imager = TemplateImager.build(mesh, views=("front",), size=(20, 20), backend="numpy")
     topology = Topology(mesh)
-    shown = ShownFaces.of(imager.raster, topology)
+    shown = PixelFaces.of(imager.raster, topology)
     generator = torch.Generator().manual_seed(0)
     folded = torch.from_numpy(mesh.vertices).repeat(2, 1, 1)
     folded[..., 2] += 0.01 * torch.sin(40 * folded[..., 0])
     anchor = folded + 0.001 * torch.randn(folded.shape, generator=generator, dtype=torch.float64)
     target = shown.product(topology.n_vertices)(topology.normals(folded))
     target = target + 0.1 * torch.randn(target.shape, generator=generator, dtype=torch.float64)
-    return topology, shown, Problem(start=anchor, anchor=anchor), safe_normalize(target)
+    return topology, shown, StageProblem(start=anchor, anchor=anchor), safe_normalize(target)
 
 
 def made(topology, shown, config):
@@ -174,7 +174,7 @@ def test_every_step_lowers_the_objective():
     topology, shown, problem, target = small_problem()
     config = FusionConfig(normal_iterations=30, normal_tolerance=0.005)
     solver, _ = made(topology, shown, config)
-    found = solver.normal_stage(Problem(start=problem.start, anchor=problem.anchor, target=target))
+    found = solver.normal_stage(StageProblem(start=problem.start, anchor=problem.anchor, target=target))
     curve = total(found.history, normal_weights(config))
     assert len(curve) > 10
     assert (curve.diff(dim=0) <= 0).all()

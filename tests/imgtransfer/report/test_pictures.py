@@ -17,7 +17,7 @@ from imgtransfer.report.logs import read_curves
 from imgtransfer.report.pictures import (
     CLOTH,
     SKIN,
-    Surface,
+    ShadedMesh,
     curve_picture,
     error_picture,
     mesh_picture,
@@ -36,7 +36,7 @@ def hue(colour: np.ndarray) -> np.ndarray:
 
 def test_a_square_facing_the_viewer_keeps_its_colour_and_the_rest_is_white() -> None:
     camera = picture_camera(SQUARE, turn_degrees=0, size=(60, 40))
-    picture = mesh_picture([Surface(SQUARE, SQUARE_FACES, (0.8, 0.2, 0.1))], camera, backend="numpy")
+    picture = mesh_picture([ShadedMesh(SQUARE, SQUARE_FACES, (0.8, 0.2, 0.1))], camera, backend="numpy")
     assert picture.shape == (60, 40, 3)
     assert picture.dtype == np.uint8
     assert (picture[0, 0] == 255).all()
@@ -44,8 +44,8 @@ def test_a_square_facing_the_viewer_keeps_its_colour_and_the_rest_is_white() -> 
 
 
 def test_the_nearer_surface_hides_the_other() -> None:
-    near = Surface(SQUARE * 0.5 + [0, 0, 1], SQUARE_FACES, (0.1, 0.9, 0.1))
-    far = Surface(SQUARE, SQUARE_FACES, (0.9, 0.1, 0.1))
+    near = ShadedMesh(SQUARE * 0.5 + [0, 0, 1], SQUARE_FACES, (0.1, 0.9, 0.1))
+    far = ShadedMesh(SQUARE, SQUARE_FACES, (0.9, 0.1, 0.1))
     for view, seen in (("front", 1), ("back", 0)):
         camera = picture_camera(np.concatenate([near.vertices, far.vertices]), view=view, size=(60, 60))
         picture = mesh_picture([far, near], camera, backend="numpy")
@@ -54,7 +54,7 @@ def test_the_nearer_surface_hides_the_other() -> None:
 
 def test_turning_shows_the_other_side_of_a_corner() -> None:
     points = np.array([[0.0, -1, 0], [0, 1, 0], [0, 1, -1], [0, -1, -1], [0, -1, 1], [0, 1, 1]])
-    wall = Surface(points, np.array([[0, 1, 2], [0, 2, 3], [4, 5, 1], [4, 1, 0]]), (0.9, 0.1, 0.1))
+    wall = ShadedMesh(points, np.array([[0, 1, 2], [0, 2, 3], [4, 5, 1], [4, 1, 0]]), (0.9, 0.1, 0.1))
     edge_on, turned = (
         mesh_picture([wall], picture_camera(points, turn_degrees=turn, size=(60, 60)), backend="numpy")
         for turn in (2.0, 45.0)
@@ -66,7 +66,11 @@ def test_errors_become_colours_with_a_bar_below() -> None:
     camera = picture_camera(SQUARE, turn_degrees=0, size=(60, 80))
     for distance, level in ((0.0, 0.0), (40.0, 1.0), (90.0, 1.0)):
         picture = error_picture(
-            Surface(SQUARE, SQUARE_FACES), np.full(4, distance), limit_mm=40, camera=camera, backend="numpy"
+            ShadedMesh(SQUARE, SQUARE_FACES),
+            np.full(4, distance),
+            limit_mm=40,
+            camera=camera,
+            backend="numpy",
         )
         assert picture.shape == (104, 80, 3)
         wanted = heat_colours(np.array(level)).astype(float)
@@ -74,8 +78,8 @@ def test_errors_become_colours_with_a_bar_below() -> None:
 
 
 def test_a_clip_in_a_picture(tube_clip: Clip) -> None:
-    body = Surface(tube_clip.body_vertices[3], tube_clip.body_faces, SKIN)
-    garment = Surface(tube_clip.garment_vertices[3], tube_clip.garment_faces)
+    body = ShadedMesh(tube_clip.body_vertices[3], tube_clip.body_faces, SKIN)
+    garment = ShadedMesh(tube_clip.garment_vertices[3], tube_clip.garment_faces)
     picture = mesh_picture([body, garment])
     bluer = picture[..., 2].astype(int) - picture[..., 0]
     assert CLOTH[2] > CLOTH[0]

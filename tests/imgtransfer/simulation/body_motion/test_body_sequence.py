@@ -18,7 +18,7 @@ from imgtransfer.garments.garment import make_garment
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.motions.library import make_motion
 from imgtransfer.simulation.body_motion.body_sequence import find_sequence, resampled
-from imgtransfer.simulation.body_motion.unskinned import MeshMovement
+from imgtransfer.simulation.body_motion.unskinned import MeshBodyMotion
 from imgtransfer.simulation.config import SequenceFiles, SimulateConfig, SolverConfig
 from imgtransfer.simulation.planning.plan import plan
 from imgtransfer.simulation.run import Rejected, simulate_clip
@@ -193,7 +193,7 @@ def test_a_waistband_stays_on_the_skin_below(tmp_path):
     path = write_obj(tmp_path / "kilt.obj", skirt.mesh.vertices, skirt.mesh.faces)
     folder = write_body(tmp_path / "squat", moving("squat", 12), Axes())
     garment = TemplateConfig(path=path, held=True)
-    movement = MeshMovement(
+    movement = MeshBodyMotion(
         find_sequence(folder, SequenceFiles(), 30.0), SimulateConfig(garment=garment, solver=QUICK)
     )
     np.testing.assert_array_equal(movement.worn.garment.held, skirt.held)
