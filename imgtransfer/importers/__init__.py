@@ -1,1 +1,7 @@
-"""Everyone's formats, read into clips: one module a format, and what they share."""
+"""`imgtransfer import`: everyone's clips, made into clips of this project. A module of `formats` a kind of source."""
+
+import lazy_loader
+
+# The surface stands in the stub beside this file; a name is loaded when it is first asked for, because PyTorch
+# takes seconds, for which neither `imgtransfer --help` nor an early Ctrl-C should wait.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

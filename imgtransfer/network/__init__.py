@@ -2,10 +2,8 @@
 model.
 """
 
-from imgtransfer.network.config import EncoderConfig as EncoderConfig
-from imgtransfer.network.config import MapsConfig as MapsConfig
-from imgtransfer.network.config import NetworkConfig as NetworkConfig
-from imgtransfer.network.loss import masked_l1 as masked_l1
-from imgtransfer.network.model import Prediction as Prediction
-from imgtransfer.network.model import TransferModel as TransferModel
-from imgtransfer.network.transfer import TransferNet as TransferNet
+import lazy_loader
+
+# The surface stands in the stub beside this file; a name is loaded when it is first asked for, because PyTorch
+# takes seconds, for which neither `imgtransfer --help` nor an early Ctrl-C should wait.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,12 +6,8 @@
 started more than once, where the process or machine that did it died.
 """
 
-from imgtransfer.running.cluster import Cluster as Cluster
-from imgtransfer.running.pool import Pool as Pool
-from imgtransfer.running.runner import Run as Run
-from imgtransfer.running.runner import executor_for as executor_for
-from imgtransfer.running.runner import run_tasks as run_tasks
-from imgtransfer.running.task import Executor as Executor
-from imgtransfer.running.task import Outcome as Outcome
-from imgtransfer.running.task import Serial as Serial
-from imgtransfer.running.task import in_worker as in_worker
+import lazy_loader
+
+# The surface stands in the stub beside this file; a name is loaded when it is first asked for, because PyTorch
+# takes seconds, for which neither `imgtransfer --help` nor an early Ctrl-C should wait.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,1 @@
+"""One module a kind of source that `imgtransfer import` reads; each has `jobs(paths, options)`."""

@@ -1,0 +1,9 @@
+from .clearance import Clearance as Clearance
+from .clearance import clear_body as clear_body
+from .clearance import lift_clear as lift_clear
+from .layers import MovingObstacle as MovingObstacle
+from .layers import Obstacles as Obstacles
+from .layers import OuterSurface as OuterSurface
+from .sdf import BodySdf as BodySdf
+from .sdf import Obstacle as Obstacle
+from .sdf import SdfQuery as SdfQuery

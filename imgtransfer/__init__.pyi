@@ -1,0 +1,11 @@
+from .data.clip import Clip as Clip
+from .data.clip import load_clip as load_clip
+from .data.clip import save_clip as save_clip
+from .data.source import open_clips as open_clips
+from .data.store import DataSet as DataSet
+from .evaluation.metrics import evaluate_clip as evaluate_clip
+from .network.model import TransferModel as TransferModel
+from .pipeline.deform import Deformation as Deformation
+from .pipeline.deform import deform as deform
+from .training.checkpoint import load_model as load_model
+from .training.checkpoint import save_model as save_model

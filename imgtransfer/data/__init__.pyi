@@ -1,0 +1,16 @@
+from .canonical import RootFrames as RootFrames
+from .canonical import RootMode as RootMode
+from .canonical import root_frames as root_frames
+from .clip import Clip as Clip
+from .clip import load_clip as load_clip
+from .clip import save_clip as save_clip
+from .clip import written_clip as written_clip
+from .mesh_output import save_mesh_frames as save_mesh_frames
+from .mesh_output import written_mesh_frames as written_mesh_frames
+from .migration import migrate as migrate
+from .reader import NpzReader as NpzReader
+from .reader import Reader as Reader
+from .source import ClipRef as ClipRef
+from .source import clip_refs as clip_refs
+from .source import open_clips as open_clips
+from .store import DataSet as DataSet

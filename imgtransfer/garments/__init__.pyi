@@ -1,0 +1,9 @@
+from .checks import mesh_quality as mesh_quality
+from .config import DressConfig as DressConfig
+from .config import GarmentConfig as GarmentConfig
+from .config import SkirtConfig as SkirtConfig
+from .config import TemplateConfig as TemplateConfig
+from .config import TrousersConfig as TrousersConfig
+from .config import TShirtConfig as TShirtConfig
+from .garment import Garment as Garment
+from .garment import make_garment as make_garment

@@ -1,0 +1,7 @@
+from .config import EncoderConfig as EncoderConfig
+from .config import MapsConfig as MapsConfig
+from .config import NetworkConfig as NetworkConfig
+from .loss import masked_l1 as masked_l1
+from .model import Prediction as Prediction
+from .model import TransferModel as TransferModel
+from .transfer import TransferNet as TransferNet

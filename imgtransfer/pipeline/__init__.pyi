@@ -1,0 +1,16 @@
+from .deform import Deformation as Deformation
+from .folder import predicted_clips as predicted_clips
+from .fuse import FuseInputs as FuseInputs
+from .fuse import FuseOptions as FuseOptions
+from .fuse import fuse_into as fuse_into
+from .moving import Pins as Pins
+from .moving import load_pins as load_pins
+from .moving import open_moving as open_moving
+from .predict import PredictTask as PredictTask
+from .predict import predict_clip as predict_clip
+from .predict import save_prediction as save_prediction
+from .render import RenderOptions as RenderOptions
+from .render import render_scene as render_scene
+from .scene import Scene as Scene
+from .scene import clip_scene as clip_scene
+from .scene import mesh_scene as mesh_scene

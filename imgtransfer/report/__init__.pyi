@@ -1,0 +1,16 @@
+from .data_page import write_data_page as write_data_page
+from .fusion_history import fusion_table as fusion_table
+from .fusion_history import history_picture as history_picture
+from .glb import animated_glb as animated_glb
+from .html import Picture as Picture
+from .html import Section as Section
+from .html import write_report as write_report
+from .logs import read_curves as read_curves
+from .map_pictures import difference_sheet as difference_sheet
+from .map_pictures import frames_sheet as frames_sheet
+from .map_pictures import template_sheet as template_sheet
+from .pictures import ShadedMesh as ShadedMesh
+from .pictures import curve_picture as curve_picture
+from .pictures import error_picture as error_picture
+from .pictures import mesh_picture as mesh_picture
+from .pictures import picture_camera as picture_camera

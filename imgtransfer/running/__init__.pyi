@@ -1,0 +1,12 @@
+from .cluster import Cluster as Cluster
+from .pool import Pool as Pool
+from .runner import Run as Run
+from .runner import executor_for as executor_for
+from .runner import run_tasks as run_tasks
+from .stopping import Terminated as Terminated
+from .stopping import stop_between_steps as stop_between_steps
+from .task import Executor as Executor
+from .task import Outcome as Outcome
+from .task import Serial as Serial
+from .task import in_worker as in_worker
+from .waiting import wait_passively as wait_passively

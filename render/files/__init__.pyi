@@ -1,0 +1,10 @@
+from .atomic import check_regular as check_regular
+from .atomic import errors_naming as errors_naming
+from .atomic import written_whole as written_whole
+from .atomic import written_whole_folder as written_whole_folder
+from .mesh_files import load_mesh as load_mesh
+from .npz import open_npz as open_npz
+from .npz import read_npy as read_npy
+from .npz import read_npz as read_npz
+from .npz_writer import NpzWriter as NpzWriter
+from .npz_writer import write_npz as write_npz

@@ -1,0 +1,15 @@
+from .coverage import Coverage as Coverage
+from .dilation import dilate as dilate
+from .dilation import surface_guide as surface_guide
+from .encoding import PositionBox as PositionBox
+from .encoding import decode_normals as decode_normals
+from .encoding import encode_normals as encode_normals
+from .imager import TemplateImager as TemplateImager
+from .map_file import MapFile as MapFile
+from .map_file import Maps as Maps
+from .map_reader import load_maps as load_maps
+from .map_reader import open_maps as open_maps
+from .map_writer import save_maps as save_maps
+from .map_writer import written_maps as written_maps
+from .operator import MapOperator as MapOperator
+from .operator import SparseProduct as SparseProduct

@@ -1,0 +1,9 @@
+from .factor import Factor as Factor
+from .mesh import Mesh as Mesh
+from .mesh import check_faces as check_faces
+from .mesh import check_finite as check_finite
+from .mesh import safe_normalize as safe_normalize
+from .mesh import vertex_normals as vertex_normals
+from .normals import VertexNormals as VertexNormals
+from .surface import Surface as Surface
+from .surface import plain_surface as plain_surface
