@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from render.cameras import Camera
 from render.errors import InputError
 from render.maps.imager import TemplateImager
-from render.maps.operator import SparseProduct
 from render.mesh.mesh import Mesh, vertex_normals
+from render.mesh.sparse import SparseProduct
 
 # Weight of a view that looks along the surface at a vertex, against 1 for one that looks straight at it.
 _GRAZING = 0.01

@@ -1,7 +1,7 @@
 from .cameras import Camera as Camera
-from .cameras import frame_cameras as frame_cameras
 from .errors import InputError as InputError
 from .files.mesh_files import load_mesh as load_mesh
+from .framing import frame_cameras as frame_cameras
 from .maps.coverage import Coverage as Coverage
 from .maps.dilation import dilate as dilate
 from .maps.dilation import surface_guide as surface_guide

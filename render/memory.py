@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from render.errors import InputError
-from render.files.npz import available_bytes
 
 
 def check_memory(needed: int, what: str) -> None:
@@ -14,3 +15,15 @@ def check_memory(needed: int, what: str) -> None:
             f"{what} need {needed / 2**30:.1f} GiB of memory, and {free / 2**30:.1f} GiB are free; fewer or smaller "
             "ones are wanted"
         )
+
+
+def available_bytes() -> int | None:
+    """Memory that can be had without swapping, None where the system does not say."""
+    try:
+        with Path("/proc/meminfo").open() as file:
+            for line in file:
+                if line.startswith("MemAvailable:"):
+                    return int(line.split()[1]) * 1024
+    except (OSError, ValueError, IndexError):
+        pass
+    return None

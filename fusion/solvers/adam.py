@@ -18,7 +18,7 @@ from fusion.losses import (
 from fusion.obstacles.sdf import Obstacle
 from fusion.stages import SolverResult, StageProblem, Terms, edge_weights, normal_weights, total
 from fusion.topology import Topology, vertices_first
-from render.maps.operator import SparseProduct
+from render.mesh.sparse import SparseProduct
 
 
 class AdamSolver:

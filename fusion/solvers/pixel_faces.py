@@ -9,7 +9,7 @@ import scipy.sparse
 import torch
 
 from fusion.topology import Topology
-from render.maps.operator import SparseProduct
+from render.mesh.sparse import SparseProduct
 from render.raster.raster import Raster
 
 

@@ -17,7 +17,7 @@ from zarr.storage import MemoryStore
 from imgtransfer.data import grid
 from imgtransfer.data.metadata import ArrayMetadata
 from imgtransfer.data.place import METADATA, Place
-from render.files.npz import available_bytes
+from render.memory import available_bytes
 
 FRAMES_PER_CHUNK = 32
 _ENCODING = "second-differences-by-chunk"

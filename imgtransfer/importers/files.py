@@ -10,7 +10,8 @@ import numpy as np
 
 from render import InputError
 from render.files.atomic import check_regular
-from render.files.npz import available_bytes, open_npz, read_npy
+from render.files.npz import open_npz, read_npy
+from render.memory import available_bytes
 
 _MOST_ENTRIES = 10_000_000
 _LARGEST = 1e12  # beyond anything that a data set means, and its square is still a float32

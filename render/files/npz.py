@@ -17,6 +17,7 @@ import numpy as np
 
 from render.errors import InputError
 from render.files.atomic import check_regular
+from render.memory import available_bytes
 
 SUFFIX = ".npy"
 _KINDS = "biufcUS"  # numbers and text: what plain arrays are made of
@@ -232,15 +233,3 @@ def _check_room(size: int, source: str) -> None:
         raise InputError(
             f"{source} needs {size / 2**30:.1f} GiB of memory, and {free / 2**30:.1f} GiB are free"
         )
-
-
-def available_bytes() -> int | None:
-    """Memory that can be had without swapping, None where the system does not say."""
-    try:
-        with Path("/proc/meminfo").open() as file:
-            for line in file:
-                if line.startswith("MemAvailable:"):
-                    return int(line.split()[1]) * 1024
-    except (OSError, ValueError, IndexError):
-        pass
-    return None

@@ -12,4 +12,3 @@ from .map_reader import open_maps as open_maps
 from .map_writer import save_maps as save_maps
 from .map_writer import written_maps as written_maps
 from .operator import MapOperator as MapOperator
-from .operator import SparseProduct as SparseProduct

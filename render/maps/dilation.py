@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from render.errors import InputError
 from render.maps.imager import TemplateImager
-from render.maps.operator import SparseProduct
+from render.mesh.sparse import SparseProduct
 
 Images = TypeVar("Images", np.ndarray, torch.Tensor)
 

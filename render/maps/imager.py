@@ -8,13 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from render.cameras import Camera, frame_cameras
+from render.cameras import Camera
 from render.errors import InputError
+from render.framing import frame_cameras
 from render.maps.encoding import PositionBox, encode_normals
-from render.maps.operator import MapOperator, SparseProduct
+from render.maps.operator import MapOperator
 from render.maps.sampling import sampling
 from render.mesh.mesh import Mesh
 from render.mesh.normals import VertexNormals
+from render.mesh.sparse import SparseProduct
 from render.raster.raster import Raster, rasterize
 from render.views import ViewsSpec
 

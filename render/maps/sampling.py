@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.cameras import Camera
-from render.maps.operator import SparseProduct
 from render.mesh.mesh import Mesh
+from render.mesh.sparse import SparseProduct
 from render.raster.raster import Raster
 from render.raster.screen import screen_faces
 from render.raster.visibility import visible_vertices

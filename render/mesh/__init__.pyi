@@ -5,5 +5,6 @@ from .mesh import check_finite as check_finite
 from .mesh import safe_normalize as safe_normalize
 from .mesh import vertex_normals as vertex_normals
 from .normals import VertexNormals as VertexNormals
+from .sparse import SparseProduct as SparseProduct
 from .surface import Surface as Surface
 from .surface import plain_surface as plain_surface

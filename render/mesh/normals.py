@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from render.maps.operator import SparseProduct
 from render.mesh.mesh import safe_normalize
+from render.mesh.sparse import SparseProduct
 
 
 class VertexNormals:

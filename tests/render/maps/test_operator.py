@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from render import InputError, MapOperator, Raster, frame_cameras, rasterize
-from render.maps.operator import SparseProduct
+from render.mesh.sparse import SparseProduct
 from tests.helpers.example_meshes import random_soup, tube, two_triangles
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
@@ -138,7 +138,7 @@ def test_wrong_shapes_and_types_are_refused():
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("large", [0, 10**9], ids=["frame by frame", "folded"])
 def test_frames_one_by_one_and_folded_give_the_same(monkeypatch, device, dtype, large):
-    monkeypatch.setattr("render.maps.operator._LARGE", large)
+    monkeypatch.setattr("render.mesh.sparse._LARGE", large)
     mesh = tube(20, 12)
     raster, operator = make(mesh)
     attributes = np.random.default_rng(1).normal(size=(3, len(mesh.vertices), 6))
