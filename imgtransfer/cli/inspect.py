@@ -45,7 +45,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> None:
     """Find out what the source is, and print its summary."""
-    from imgtransfer.data.place import as_url  # noqa: PLC0415
+    from imgtransfer.data.location import as_url  # noqa: PLC0415
 
     source: Path = args.source
     if as_url(source) is not None:
@@ -110,7 +110,8 @@ def _clips(args: argparse.Namespace) -> None:
 
 def _facts(source: Path) -> tuple[dict[str, str], dict[str, str]]:
     """What a data set says of itself, and why clips were rejected, by name; nothing for clip npz files."""
-    from imgtransfer.data.place import METADATA, place_at  # noqa: PLC0415
+    from imgtransfer.data.location import place_at  # noqa: PLC0415
+    from imgtransfer.data.place import METADATA  # noqa: PLC0415
     from imgtransfer.data.store import DataSet  # noqa: PLC0415
 
     if source.is_file() or not place_at(source).exists(METADATA):
@@ -143,7 +144,7 @@ def _print_table(rows: list[list[str]]) -> None:
 
 def _page(args: argparse.Namespace, facts: dict[str, str], refs: list[ClipRef]) -> None:
     """Write --html."""
-    from imgtransfer.data.place import everywhere  # noqa: PLC0415
+    from imgtransfer.data.location import everywhere  # noqa: PLC0415
     from imgtransfer.report.data_page import MANY, PageTask, describe_clip, write_data_page  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
 

@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
     """Predict every chosen clip, and say where the results are; a clip's folder appears whole or not at all."""
     from tqdm import tqdm  # noqa: PLC0415
 
-    from imgtransfer.data.place import everywhere  # noqa: PLC0415
+    from imgtransfer.data.location import everywhere  # noqa: PLC0415
     from imgtransfer.pipeline.predict import PredictTask, predict_clip  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
     from imgtransfer.training.checkpoint import fingerprint, load_model  # noqa: PLC0415

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from imgtransfer.data.choice import choose
 from imgtransfer.data.clip import Clip
-from imgtransfer.data.place import METADATA, as_url, place_at
+from imgtransfer.data.location import as_url, place_at
+from imgtransfer.data.place import METADATA
 from imgtransfer.data.reader import NpzReader, Reader
 from imgtransfer.data.store import DataSet
 from render import InputError

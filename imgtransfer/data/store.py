@@ -12,8 +12,9 @@ import numpy as np
 from imgtransfer.data.arrays import write_array
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.clip_checks import zero_frame
+from imgtransfer.data.location import place_at
 from imgtransfer.data.metadata import ClipAttributes, Rejection, parsed, read_clips, read_root, validated
-from imgtransfer.data.place import METADATA, Place, group_metadata, place_at
+from imgtransfer.data.place import METADATA, Place, group_metadata
 from imgtransfer.data.reader import StoredReader
 from imgtransfer.data.schema import (
     ARRAYS,

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from imgtransfer.data.location import everywhere, place_at
 from imgtransfer.data.metadata import read_clips
-from imgtransfer.data.place import everywhere, place_at
 from imgtransfer.data.store import DataSet
 from imgtransfer.running import Executor, Serial, run_tasks
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence

@@ -17,7 +17,7 @@ import pytest
 
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip
-from imgtransfer.data.place import as_url
+from imgtransfer.data.location import as_url
 from imgtransfer.data.source import open_clips
 from imgtransfer.data.store import DataSet
 from render import InputError
