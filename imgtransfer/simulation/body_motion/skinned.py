@@ -14,7 +14,7 @@ from imgtransfer.garments.config import GarmentConfig, garment_fingerprint
 from imgtransfer.garments.garment import make_garment
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_shares
-from imgtransfer.simulation.cloth.substeps import skin_under
+from imgtransfer.simulation.body_motion.skin import skin_under
 from imgtransfer.simulation.config import SimulateConfig
 
 

@@ -17,8 +17,7 @@ from imgtransfer.importers.checks.weld import seam_groups
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
 from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_shares
 from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation, rigid_rotation
-from imgtransfer.simulation.cloth.skin_points import SkinPoints
-from imgtransfer.simulation.cloth.substeps import skin_under
+from imgtransfer.simulation.body_motion.skin import SkinPoints, skin_under
 from imgtransfer.simulation.config import SimulateConfig
 from render import InputError, Mesh
 
