@@ -21,7 +21,7 @@ from fusion import BodySdf
 from imgtransfer.bodies.anny import BODY_FILE, SHAPES_FILE
 from imgtransfer.bodies.bake import phenotype_basis
 from imgtransfer.bodies.retarget import BONES
-from imgtransfer.cli.main import exit_status
+from imgtransfer.running.exit import exit_status
 from imgtransfer.running.extras import check_installed, optional
 from render.files.npz_writer import write_npz
 

@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from imgtransfer.cli.main import exit_status
+from imgtransfer.running.exit import exit_status
 from imgtransfer.running.waiting import wait_passively
 
 

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 
 from imgtransfer.importers.checks.axes import UNITS, Axes, usual_facing
 from imgtransfer.importers.job import clip_name
+from imgtransfer.running.fingerprint import files_fingerprint
 
 NAME = r"^[\w-][\w.-]*$"  # of a garment in a data set
 Detail = Literal["full", "small"]
@@ -155,3 +156,8 @@ GarmentConfig = Annotated[
     | Annotated[TemplateConfig, Tag("template")],
     Discriminator(_kind),
 ]
+
+
+def garment_fingerprint(garment: GarmentConfig) -> str:
+    """A text that changes with what a garment's own mesh file holds; "" for garments that the project makes."""
+    return files_fingerprint([garment.path]) if isinstance(garment, TemplateConfig) else ""

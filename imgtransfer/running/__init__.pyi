@@ -1,4 +1,5 @@
 from .cluster import Cluster as Cluster
+from .exit import exit_status as exit_status
 from .pool import Pool as Pool
 from .runner import Run as Run
 from .runner import executor_for as executor_for

@@ -1,6 +1,8 @@
 from .config import ClothConfig as ClothConfig
 from .config import SimulateConfig as SimulateConfig
 from .config import SolverConfig as SolverConfig
+from .fabrics import FABRICS as FABRICS
+from .fabrics import Fabric as Fabric
 from .planning.job import simulate as simulate
 from .planning.plan import plan as plan
 from .quality import Quality as Quality

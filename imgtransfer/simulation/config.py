@@ -18,7 +18,7 @@ from imgtransfer.motions.check import PATH_SPEED, TURNING
 from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
-from imgtransfer.simulation.cloth.fabrics import FABRICS, Fabric
+from imgtransfer.simulation.fabrics import FABRICS, Fabric
 from render.limits import FASTEST, SLOWEST
 
 _COTTON = FABRICS["cotton"]

@@ -14,9 +14,9 @@ from imgtransfer.garments.config import GarmentConfig, TemplateConfig
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
 from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, settled
+from imgtransfer.simulation.body_motion.skin import step_count
 from imgtransfer.simulation.body_motion.skinned import SkinnedBodyMotion
 from imgtransfer.simulation.body_motion.unskinned import MeshBodyMotion
-from imgtransfer.simulation.cloth.substeps import step_count
 from imgtransfer.simulation.config import SimulateConfig, SolverConfig
 from imgtransfer.simulation.quality import Quality, faults, measure, push_out
 from render import InputError

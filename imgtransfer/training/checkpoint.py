@@ -15,7 +15,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
-from imgtransfer.network.least_size import least_weights
+from imgtransfer.network.memory import least_weights
 from render import InputError, Mesh, PositionBox
 from render.errors import said_by
 from render.files.atomic import check_regular, written_whole

@@ -13,7 +13,7 @@ from typing import Any
 
 from imgtransfer.training.checkpoint import MODEL_FILE, STATE_FILE
 from imgtransfer.training.config import RunConfig, load_config
-from imgtransfer.training.schedule import learning_rate
+from imgtransfer.training.trainer import learning_rate
 from render import InputError
 
 CONFIG_FILE = "config.yaml"

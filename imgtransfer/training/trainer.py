@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from pathlib import Path
 
@@ -9,9 +10,9 @@ import torch
 from torch import Tensor, nn
 
 from imgtransfer.data.source import clip_refs
-from imgtransfer.network import TransferModel, masked_l1
-from imgtransfer.network.least_size import check_room
+from imgtransfer.network import TransferModel, map_errors, masked_l1
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
+from imgtransfer.network.memory import check_training_memory
 from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
     MODEL_FILE,
@@ -23,12 +24,10 @@ from imgtransfer.training.checkpoint import (
     save_model,
     write_tensors,
 )
-from imgtransfer.training.config import ClipChoice, RunConfig
-from imgtransfer.training.measure import map_errors
+from imgtransfer.training.config import ClipChoice, RunConfig, TrainingConfig
 from imgtransfer.training.mirror import Mirror
 from imgtransfer.training.precision import Workload, bfloat16_ratio, choose_precision
 from imgtransfer.training.sampler import Frames
-from imgtransfer.training.schedule import learning_rate
 from render import InputError, Mesh, PositionBox
 
 VALIDATION_BATCH = 16
@@ -56,7 +55,7 @@ class Trainer:
         self.precision = choose_precision(options.precision, partial(bfloat16_ratio, self.device, workload))
         first = self.train_frames.first
         if self.device.type == "cpu":
-            check_room(config.network, config.maps, batch_frames=options.batch_frames)
+            check_training_memory(config.network, config.maps, batch_frames=options.batch_frames)
         # Seeded after the data and before the weights: the same seed gives the same run on any amount of
         # data.
         torch.manual_seed(options.seed)
@@ -192,6 +191,16 @@ class Trainer:
     def _box(self) -> dict[str, list[float]]:
         """The position box as headers have it, by which other training data are noticed."""
         return {"box_lo": self.model.box.lo.tolist(), "box_hi": self.model.box.hi.tolist()}
+
+
+def learning_rate(options: TrainingConfig, step: int) -> float:
+    """The rate of step 0, 1, ...: a linear warm-up, then constant or half a cosine down to 0 at the end."""
+    if step < options.warmup_steps:
+        return options.learning_rate * (step + 1) / options.warmup_steps
+    if options.schedule == "constant":
+        return options.learning_rate
+    done = (step - options.warmup_steps) / max(options.steps - options.warmup_steps, 1)
+    return options.learning_rate * (1 + math.cos(math.pi * done)) / 2
 
 
 def _device(wanted: str) -> str:

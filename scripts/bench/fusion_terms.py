@@ -136,6 +136,6 @@ def command() -> None:
 
 
 if __name__ == "__main__":
-    from imgtransfer.cli.main import exit_status
+    from imgtransfer.running.exit import exit_status
 
     raise SystemExit(exit_status(command, program="fusion_terms", stopped="stopped"))

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from imgtransfer.cli.main import exit_status
+from imgtransfer.running.exit import exit_status
 from scripts.bench import fusion_terms
 from tests.helpers.fusion_examples import write_example
 

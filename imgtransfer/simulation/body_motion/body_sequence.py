@@ -16,8 +16,8 @@ from imgtransfer.importers.frames import frame_files
 from imgtransfer.importers.job import clip_name
 from imgtransfer.importers.mesh_files import find_body
 from imgtransfer.importers.part import Part
+from imgtransfer.running.fingerprint import files_fingerprint
 from imgtransfer.simulation.config import SequenceFiles
-from imgtransfer.simulation.planning.fingerprint import files_content
 from render import InputError, Mesh
 
 _SCALE = 1.5  # by which a body's edges may be longer or shorter than in its rest pose, in the middle
@@ -88,7 +88,7 @@ def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> MeshSequ
     folder = folder.resolve()
     moving, rest = find_body(folder, settings.body_rest)
     files = [moving] if moving.suffix.lower() in CACHES else frame_files(moving)
-    content = files_content(files if rest is None else [*files, rest])
+    content = files_fingerprint(files if rest is None else [*files, rest])
     name = clip_name("", folder.name).partition("/")[2]
     return MeshSequence(name, moving, rest, settings, fps, content)
 

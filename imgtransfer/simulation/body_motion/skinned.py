@@ -10,13 +10,12 @@ import numpy as np
 from imgtransfer.bodies.config import BodyConfig, make_body
 from imgtransfer.bodies.skinned import BonePoses, SkinnedBody, skinned
 from imgtransfer.data.grid import round_to_grid
-from imgtransfer.garments.config import GarmentConfig
+from imgtransfer.garments.config import GarmentConfig, garment_fingerprint
 from imgtransfer.garments.garment import make_garment
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_shares
-from imgtransfer.simulation.cloth.substeps import skin_under
+from imgtransfer.simulation.body_motion.skin import skin_under
 from imgtransfer.simulation.config import SimulateConfig
-from imgtransfer.simulation.planning.fingerprint import garment_content
 
 
 class SkinnedBodyMotion(BodyMotion):
@@ -32,7 +31,7 @@ class SkinnedBodyMotion(BodyMotion):
         self.name, self.fps = motion.name, motion.fps
         self._motion, self._config = motion, config
         self.worn, self._body, self._weights = _dressed(
-            config.body, config.garment, garment_content(config.garment)
+            config.body, config.garment, garment_fingerprint(config.garment)
         )
         body = self._body
         bones = body.bone_poses(motion.poses, motion.trans, leg_length=motion.leg_length)
@@ -91,12 +90,12 @@ class SkinnedBodyMotion(BodyMotion):
 
 @lru_cache(maxsize=4)
 def _dressed(
-    wearer: BodyConfig, kind: GarmentConfig, content: str
+    wearer: BodyConfig, kind: GarmentConfig, fingerprint: str
 ) -> tuple[DressedBody, SkinnedBody, np.ndarray]:
     """The garment on the body, and the blend weights (H, K) with which its held vertices move.
 
     Args:
-        content: of the garment's file, so that another one of the same name is read anew.
+        fingerprint: of the garment's file, so that another one of the same name is read anew.
     """
     body = make_body(wearer)
     # Refitted from the default shape, so that a garment has the same faces on every shape of a body.

@@ -10,17 +10,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.grid import round_to_grid
-from imgtransfer.garments.config import GarmentConfig, TemplateConfig
+from imgtransfer.garments.config import GarmentConfig, TemplateConfig, garment_fingerprint
 from imgtransfer.garments.garment import load_template
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import seam_groups
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
 from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_shares
 from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation, rigid_rotation
-from imgtransfer.simulation.cloth.skin_points import SkinPoints
-from imgtransfer.simulation.cloth.substeps import skin_under
+from imgtransfer.simulation.body_motion.skin import SkinPoints, skin_under
 from imgtransfer.simulation.config import SimulateConfig
-from imgtransfer.simulation.planning.fingerprint import garment_content
 from render import InputError, Mesh
 
 
@@ -38,7 +36,7 @@ class MeshBodyMotion(BodyMotion):
         moving = sequence.read()
         self.name, self.fps = sequence.name, sequence.fps
         key = _Rest(moving.rest_content, moving.rest, sequence.settings.axes)
-        self.worn, self._held = _dressed(key, config.garment, garment_content(config.garment))
+        self.worn, self._held = _dressed(key, config.garment, garment_fingerprint(config.garment))
         rest = moving.rest.vertices
         vertices = moving.vertices
         self._heading = heading(rigid_rotation(rest, vertices[0].astype(np.float64)))
@@ -101,8 +99,8 @@ class _Rest:
 
 
 @lru_cache(maxsize=4)
-def _dressed(body: _Rest, kind: GarmentConfig, content: str) -> tuple[DressedBody, SkinPoints]:
-    """The garment on the body, and its held vertices as points of the skin; `content` is that of the garment's file."""
+def _dressed(body: _Rest, kind: GarmentConfig, fingerprint: str) -> tuple[DressedBody, SkinPoints]:
+    """The garment on the body, and its held vertices as points of the skin; `fingerprint` is of the garment's file."""
     if not isinstance(kind, TemplateConfig):
         raise InputError(needs_template(kind))
     garment, _ = load_template(body.mesh, kind, body_axes=body.axes)

@@ -1,5 +1,2 @@
-from .fabrics import FABRICS as FABRICS
-from .fabrics import Fabric as Fabric
 from .model import ClothOnBody as ClothOnBody
 from .newton_descent import NewtonDescent as NewtonDescent
-from .substeps import step_count as step_count

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,8 +11,6 @@ from imgtransfer.data.location import everywhere, place_at
 from imgtransfer.data.metadata import read_clips
 from imgtransfer.data.store import DataSet
 from imgtransfer.running import Executor, Serial, run_tasks
-from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
-from imgtransfer.simulation.planning.fingerprint import garment_content
 from imgtransfer.simulation.planning.task import Task
 from imgtransfer.simulation.run import Rejected, simulate_clip
 from render import InputError
@@ -91,7 +88,7 @@ def _standing(tasks: Sequence[Task], out: str | Path) -> tuple[set[str], dict[st
     rejected = {
         task.name: listed[task.name]["reason"]
         for task in tasks
-        if task.name in listed and listed[task.name]["made"] == _fingerprint(task)
+        if task.name in listed and listed[task.name]["made"] == task.fingerprint()
     }
     names = set(data.names())
     _note_others(tasks, data, names)
@@ -104,7 +101,7 @@ def _note_others(tasks: Sequence[Task], data: DataSet, names: set[str]) -> None:
     attributes = read_clips(data.place, [task.name for task in there], str(data.path))
     marks = [its.info.get(MADE, "") for its in attributes]
     others = [
-        task.name for task, mark in zip(there, marks, strict=True) if mark and mark != _fingerprint(task)
+        task.name for task, mark in zip(there, marks, strict=True) if mark and mark != task.fingerprint()
     ]
     if others:
         some = ", ".join(others[:3]) + (" ..." if len(others) > 3 else "")
@@ -124,25 +121,8 @@ def _make(job: _Job) -> _Made:
     try:
         clip = simulate_clip(task.motion, config)[0]
     except Rejected as reason:
-        data.reject(task.name, str(reason), _fingerprint(task))
+        data.reject(task.name, str(reason), task.fingerprint())
         return _Made(str(reason), rejected=str(reason))
-    made = replace(clip, info=clip.info | {MADE: _fingerprint(task)})
+    made = replace(clip, info=clip.info | {MADE: task.fingerprint()})
     data.write(task.name, made, split=task.split)
     return _Made(f"{task.name} ({task.split}): {clip.n_frames} frames, {clip.info['quality']}")
-
-
-def _fingerprint(task: Task) -> str:
-    """A text that changes with whatever decides how the clip comes out; files count by what they hold."""
-    motion, config = task.motion, task.config
-    left_out = {"clips", "files", "sequences", "title", "licence", "source"}
-    if isinstance(motion, MeshSequence):
-        left_out.add("body")
-        settings = motion.settings.model_dump_json(exclude={"body_rest", "speed"})
-        content = [settings.encode(), motion.content.encode(), str(motion.frames).encode()]
-    else:
-        content = [motion.poses.tobytes(), motion.trans.tobytes(), str(motion.fps).encode()]
-    excluded = dict.fromkeys(left_out, True) | {"garment": {"path"}}
-    settings = config.model_dump_json(exclude=excluded)
-    if garment := garment_content(config.garment):
-        content.append(garment.encode())
-    return hashlib.sha256(b"|".join([settings.encode(), *content])).hexdigest()[:16]

@@ -1,9 +1,11 @@
-"""One clip to simulate."""
+"""One clip to simulate: what it is made of, what it is called, and a fingerprint of it all."""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
+from imgtransfer.garments.config import garment_fingerprint
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
 from imgtransfer.simulation.config import SimulateConfig, Split
@@ -22,3 +24,19 @@ class Task:
     def name(self) -> str:
         """Its name in the data set."""
         return clip_name(self.config, self.motion)
+
+    def fingerprint(self) -> str:
+        """A text that changes with whatever decides how the clip comes out; files count by what they hold."""
+        motion, config = self.motion, self.config
+        left_out = {"clips", "files", "sequences", "title", "licence", "source"}
+        if isinstance(motion, MeshSequence):
+            left_out.add("body")
+            settings = motion.settings.model_dump_json(exclude={"body_rest", "speed"})
+            content = [settings.encode(), motion.content.encode(), str(motion.frames).encode()]
+        else:
+            content = [motion.poses.tobytes(), motion.trans.tobytes(), str(motion.fps).encode()]
+        excluded = dict.fromkeys(left_out, True) | {"garment": {"path"}}
+        settings = config.model_dump_json(exclude=excluded)
+        if garment := garment_fingerprint(config.garment):
+            content.append(garment.encode())
+        return hashlib.sha256(b"|".join([settings.encode(), *content])).hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""The transfer network by itself: shapes, what influences what, the loss."""
+"""The transfer network by itself: shapes, what influences what."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from imgtransfer.network import EncoderConfig, NetworkConfig, TransferNet, masked_l1
+from imgtransfer.network import EncoderConfig, NetworkConfig, TransferNet
 from imgtransfer.network.attention import Attention, sine_cosine_grid
 from imgtransfer.network.decoder import DecoderBlock
 from render import InputError
@@ -132,29 +132,6 @@ def test_position_embedding_counts_rows_first() -> None:
     assert torch.equal(embedding[0, :, :4], embedding[0, :1, :4].expand(3, 4))  # one row, one first half
     assert embedding[1, 0, 0] == torch.tensor(1.0).sin()
     assert embedding[0, 2, 4] == torch.tensor(2.0).sin()
-
-
-def test_masked_loss_by_hand() -> None:
-    predicted, truth = torch.zeros(1, 1, 1, 3, 3), torch.zeros(1, 1, 1, 3, 3)
-    predicted[0, 0, 0, 0] = torch.tensor([0.3, 0.0, -0.3])  # covered: 0.6 over 2 covered pixels x 3 channels
-    predicted[0, 0, 0, 2] = 100.0  # background
-    mask = torch.tensor([[[True, True, False]]])
-    torch.testing.assert_close(masked_l1(predicted, truth, mask), torch.tensor(0.1))
-
-
-def test_masked_loss_ignores_a_background_that_is_not_finite() -> None:
-    predicted = torch.full((1, 1, 1, 2, 3), torch.nan)
-    predicted[..., 0, :] = 0.5
-    predicted.requires_grad_(True)
-    loss = masked_l1(predicted, torch.zeros_like(predicted), torch.tensor([[[True, False]]]))
-    loss.backward()
-    assert loss == 0.5
-    assert predicted.grad is not None
-    assert torch.equal(predicted.grad[..., 1, :], torch.zeros(1, 1, 1, 3))
-
-
-def test_masked_loss_of_an_empty_mask_is_zero() -> None:
-    assert masked_l1(images(1), images(1, seed=1), torch.zeros(2, *SIZE, dtype=torch.bool)) == 0
 
 
 @pytest.mark.parametrize(

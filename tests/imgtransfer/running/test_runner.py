@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from imgtransfer.cli.main import exit_status
 from imgtransfer.running import Executor, Pool, Serial, executor_for, run_tasks
 from imgtransfer.running.cluster import Cluster
+from imgtransfer.running.exit import exit_status
 from imgtransfer.running.task import attempt
 from render import InputError
 from tests.helpers import running_examples
@@ -94,7 +94,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a test in the backgr
 sys.path[:0] = {paths!r}
 from pathlib import Path
 from tests.helpers.running_examples import Task, square_into_file
-from imgtransfer.cli.main import exit_status
+from imgtransfer.running.exit import exit_status
 from imgtransfer.running import Pool, run_tasks
 if __name__ == "__main__":
     tasks = [Task(number, Path({folder!r}), seconds=60) for number in range(4)]
@@ -167,7 +167,7 @@ def test_too_little_memory_is_one_line(
 def test_the_second_sigterm_ends_the_process_at_once(tmp_path: Path) -> None:
     program = """if True:
         import os, signal, sys
-        from imgtransfer.cli.main import exit_status
+        from imgtransfer.running.exit import exit_status
         def work():
             try:
                 os.kill(os.getpid(), signal.SIGTERM)

@@ -16,7 +16,7 @@ from safetensors.torch import save_file
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
-from imgtransfer.network.least_size import check_room
+from imgtransfer.network.memory import check_training_memory
 from imgtransfer.training.checkpoint import load_model, save_model
 from render import InputError
 from tests.helpers.models import model_for
@@ -136,9 +136,9 @@ def test_a_pipe_is_no_model(tmp_path: Path) -> None:
 
 def test_a_training_without_room_is_refused_before_it_takes_any() -> None:
     small = NetworkConfig.model_validate({"encoder": {"dim": 64, "depth": 2, "heads": 2}})
-    check_room(small, MapsConfig(), batch_frames=8)
+    check_training_memory(small, MapsConfig(), batch_frames=8)
     wide = NetworkConfig.model_validate({"encoder": {"dim": 8192, "depth": 256, "heads": 8}})
     with pytest.raises(InputError, match=r"two networks of \d+ weights .* need \d+\.\d GiB of memory, and"):
-        check_room(wide, MapsConfig(), batch_frames=1)
+        check_training_memory(wide, MapsConfig(), batch_frames=1)
     with pytest.raises(InputError, match=r"batches of 4096 frames of 2048 x 2048 pixels need"):
-        check_room(NetworkConfig(), MapsConfig(size=(2048, 2048)), batch_frames=4096)
+        check_training_memory(NetworkConfig(), MapsConfig(size=(2048, 2048)), batch_frames=4096)

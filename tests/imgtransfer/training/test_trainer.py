@@ -16,16 +16,14 @@ from safetensors.torch import load_file
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.network import TransferModel
-from imgtransfer.network.maps import ImagePair, metric_maps
+from imgtransfer.network.maps import metric_maps
 from imgtransfer.training.checkpoint import load_model, save_model
 from imgtransfer.training.config import RunConfig, load_config, parse_config, to_yaml
 from imgtransfer.training.loop import train
-from imgtransfer.training.measure import map_errors
 from imgtransfer.training.order import Order
 from imgtransfer.training.sampler import Frames
-from imgtransfer.training.schedule import learning_rate
-from imgtransfer.training.trainer import Trainer
-from render import InputError, PositionBox
+from imgtransfer.training.trainer import Trainer, learning_rate
+from render import InputError
 from tests.helpers.paths import ROOT
 from tests.helpers.training import small_config
 
@@ -135,19 +133,6 @@ def test_learning_rate_warms_up_and_falls() -> None:
     assert rates[:3] == [0.25, 0.5, 0.5]
     assert rates[7] == pytest.approx(0.25)  # half-way between step 2 and step 12
     assert 0 < rates[11] < 0.02
-
-
-def test_map_errors_by_hand() -> None:
-    box = PositionBox(np.zeros(3), np.array([1.0, 2.0, 4.0]))
-    mask = torch.tensor([[[True, False]]])
-    truth = ImagePair(torch.zeros(1, 1, 1, 2, 3), torch.full((1, 1, 1, 2, 3), 0.5))
-    truth.normals[..., 0, :] = torch.tensor([0.5, 0.5, 1.0])  # +z
-    predicted = ImagePair(truth.positions.clone(), truth.normals.clone())
-    predicted.positions[..., 0, :] = torch.tensor([0.003, 0.002, 0.0])  # 3 mm and 4 mm
-    predicted.positions[..., 1, :] = 9.0  # background
-    predicted.normals[..., 0, :] = torch.tensor([0.6, 0.5, 0.6])  # 45 degrees, too short
-    errors = map_errors(predicted, truth, mask, box)
-    assert errors == pytest.approx({"position_mm": 5.0, "normal_degrees": 45.0}, rel=1e-4)
 
 
 def test_a_training_step_lowers_the_loss_of_its_frames(source: Path) -> None:

@@ -1,4 +1,4 @@
-"""The way of a body from its rest pose to the first frame, and points that ride on its skin."""
+"""The way of a body from its rest pose to the first frame."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 from imgtransfer.bodies.anny import load_body
 from imgtransfer.bodies.smpl import JOINTS
 from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation, rigid_rotation
-from imgtransfer.simulation.cloth.skin_points import SkinPoints
 from render import Mesh
 
 BODY = load_body()
@@ -116,16 +115,3 @@ def test_rigid_rotation_is_found_among_noise():
     np.testing.assert_allclose(rigid_rotation(CUBE, CUBE @ turn.T + 5), turn, atol=1e-12)
     mirrored = rigid_rotation(CUBE, CUBE * [-1, 1, 1])
     assert np.linalg.det(mirrored) == pytest.approx(1)
-
-
-def test_points_ride_rigidly_on_the_skin():
-    points = np.array([[0.5, 0.5, 1.02], [1.01, 0.2, 0.3]])
-    held = SkinPoints(points, CUBE, CUBE_FACES)
-    np.testing.assert_allclose(held.at(CUBE), points, atol=1e-6)
-    turn = Rotation.from_rotvec([0.4, 1.0, -0.2])
-    frames = np.stack([turn.apply(CUBE) + 3, 2 * CUBE])
-    moved = held.at(frames)
-    np.testing.assert_allclose(moved[0], turn.apply(points) + 3, atol=1e-6)
-    # Where the skin grows, its points go apart and keep their distance from it.
-    np.testing.assert_allclose(moved[1], [[1.0, 1.0, 2.02], [2.01, 0.4, 0.6]], atol=1e-6)
-    assert SkinPoints(np.zeros((0, 3)), CUBE, CUBE_FACES).at(frames).shape == (2, 0, 3)

@@ -1,9 +1,15 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from imgtransfer.simulation.cloth.substeps import skin_under, step_count
+from imgtransfer.simulation.body_motion.skin import SkinPoints, skin_under, step_count
 from imgtransfer.simulation.config import SolverConfig
 
+CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+CUBE_FACES = np.array([
+    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+])  # fmt: skip
 SKIN = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
 SOLVER = SolverConfig(step_length=0.004, min_substeps=2, max_substeps=10)
 
@@ -43,3 +49,16 @@ def test_the_second_attempt_has_twice_the_substeps():
     assert (finer.step_length, finer.min_substeps, finer.max_substeps) == (0.002, 4, 20)
     with pytest.raises(ValueError, match="more than max_substeps"):
         SolverConfig(min_substeps=30, max_substeps=20)
+
+
+def test_points_ride_rigidly_on_the_skin():
+    points = np.array([[0.5, 0.5, 1.02], [1.01, 0.2, 0.3]])
+    held = SkinPoints(points, CUBE, CUBE_FACES)
+    np.testing.assert_allclose(held.at(CUBE), points, atol=1e-6)
+    turn = Rotation.from_rotvec([0.4, 1.0, -0.2])
+    frames = np.stack([turn.apply(CUBE) + 3, 2 * CUBE])
+    moved = held.at(frames)
+    np.testing.assert_allclose(moved[0], turn.apply(points) + 3, atol=1e-6)
+    # Where the skin grows, its points go apart and keep their distance from it.
+    np.testing.assert_allclose(moved[1], [[1.0, 1.0, 2.02], [2.01, 0.4, 0.6]], atol=1e-6)
+    assert SkinPoints(np.zeros((0, 3)), CUBE, CUBE_FACES).at(frames).shape == (2, 0, 3)

@@ -1,4 +1,4 @@
-"""How large networks are at least, before anybody makes them."""
+"""How much memory networks and their training need at least, told before anybody makes them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def least_weights(network: NetworkConfig, maps: MapsConfig) -> int:
     )
 
 
-def check_room(network: NetworkConfig, maps: MapsConfig, *, batch_frames: int) -> None:
+def check_training_memory(network: NetworkConfig, maps: MapsConfig, *, batch_frames: int) -> None:
     """Refuse networks and batches that cannot be trained in this machine's memory; what passes may still be too much.
 
     Args:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from imgtransfer.simulation.cloth.fabrics import FABRICS, GRAVITY, rigidity
 from imgtransfer.simulation.cloth.model import ClothOnBody
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
+from imgtransfer.simulation.fabrics import FABRICS, GRAVITY, rigidity
 from render.mesh.mesh import Mesh
 
 FAR = np.array([[0, -9, 0], [0.1, -9, 0], [0, -9, 0.1], [0, -9.1, 0]], np.float32)  # a body out of the way
