@@ -114,7 +114,7 @@ def _facts(source: Path) -> tuple[dict[str, str], dict[str, str]]:
     from imgtransfer.data.place import METADATA  # noqa: PLC0415
     from imgtransfer.data.store import DataSet  # noqa: PLC0415
 
-    if source.is_file() or not place_at(source).exists(METADATA):
+    if not place_at(source).exists(METADATA):
         return {}, {}
     data = DataSet.open(source)
     told = {
