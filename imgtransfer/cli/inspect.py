@@ -24,7 +24,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="summarise a data set, clip npz, map npz or checkpoint",
         description="Sizes, splits, edge strain, body penetration, and how much of a garment the views see.",
         examples=(
-            "imgtransfer inspect configs/sample_data/tshirt.zarr --html sample.html",
+            "imgtransfer inspect configs/sample_data/tshirt.zarr.zip --html sample.html",
             "imgtransfer inspect runs/demo",
         ),
     )
