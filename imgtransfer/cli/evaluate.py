@@ -28,8 +28,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="compare predictions with the truth",
         description="Distances, perceptual difference and body penetration, per clip and overall.",
         examples=(
-            "imgtransfer evaluate predictions --truth configs/sample_data/tshirt.zarr",
-            "imgtransfer evaluate --baseline lbs --truth configs/sample_data/tshirt.zarr --split test",
+            "imgtransfer evaluate predictions --truth configs/sample_data/tshirt.zarr.zip",
+            "imgtransfer evaluate --baseline lbs --truth configs/sample_data/tshirt.zarr.zip --split test",
         ),
     )
     parser.add_argument(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from render import InputError
 if TYPE_CHECKING:
     from imgtransfer.data.mesh_output import MeshKind
     from imgtransfer.data.reader import Reader
+    from imgtransfer.data.source import ClipRef
 
 _TOGETHER = 32  # frames that are read together
 
@@ -20,19 +22,24 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """Add the command's arguments."""
     parser = subparsers.add_parser(
         "export",
-        help="write a clip as npz, animated GLB, OBJ or PLY files",
+        help="write a clip as npz, animated GLB, OBJ or PLY files, or a data set as one zip file",
         description="Vertex order never changes: a garment imported with --weld comes out as its own file had it, with "
         "its texture coordinates and materials. The ending of --out chooses the form; a folder gets garment and body "
-        "in every frame and in the rest pose, as `import meshes` reads them.",
+        "in every frame and in the rest pose, as `import meshes` reads them; a .zip gets every clip that is chosen, as "
+        "a data set in one file, which all commands read where it lies.",
         examples=(
-            "imgtransfer export configs/sample_data/tshirt.zarr --clip tshirt/walk_s104 --out walk.glb",
+            "imgtransfer export configs/sample_data/tshirt.zarr.zip --clip tshirt/walk_s104 --out walk.glb",
             "imgtransfer export predictions/tshirt__punch_s101/fused.npz --out punch_obj",
+            "imgtransfer export my_data.zarr --out my_data.zarr.zip",
         ),
     )
     parser.add_argument("source", type=Path, help="data set, clip npz or folder of clip npz")
     add_clip_choice(parser)
     parser.add_argument(
-        "--out", required=True, type=Path, help="FILE.npz, FILE.glb, or a folder for one file a frame"
+        "--out",
+        required=True,
+        type=Path,
+        help="FILE.npz, FILE.glb, DATA.zarr.zip, or a folder for one file a frame",
     )
     parser.add_argument(
         "--frames-as",
@@ -54,13 +61,16 @@ def run(args: argparse.Namespace) -> None:
     from imgtransfer.report.glb import animated_glb  # noqa: PLC0415
 
     kind = args.out.suffix.lower()
-    if kind not in ("", ".npz", ".glb"):
-        raise InputError(f"--out {args.out}: wanted is a name that ends in .npz or .glb, or a folder")
-    if kind == ".npz" and args.step is not None:
-        raise InputError(f"--step {args.step}: an npz holds every frame; --step goes with .glb and folders")
+    if kind not in ("", ".npz", ".glb", ".zip"):
+        raise InputError(f"--out {args.out}: wanted is a name that ends in .npz, .glb or .zip, or a folder")
+    if kind in (".npz", ".zip") and args.step is not None:
+        raise InputError(f"--step {args.step}: a {kind} holds every frame; --step goes with .glb and folders")
     if kind and args.frames_as is not None:
         raise InputError(f"--frames-as {args.frames_as}: goes with a folder, but --out is {args.out}")
     refs = chosen_refs(args, args.source)
+    if kind == ".zip":
+        _pack(args, refs)
+        return
     if len(refs) > 1:
         named = some([ref.name for ref in refs])
         raise InputError(f"{args.source}: export takes one clip; choose with --clip one of {named}")
@@ -74,6 +84,19 @@ def run(args: argparse.Namespace) -> None:
     else:
         _write_frames(args.out, reader, args.frames_as or "obj", step)
     print(f"{args.out}  {reader.name}: {len(range(0, reader.n_frames, step))} of {reader.n_frames} frames")
+
+
+def _pack(args: argparse.Namespace, refs: Sequence[ClipRef]) -> None:
+    from imgtransfer.data.packing import pack  # noqa: PLC0415
+    from imgtransfer.data.store import DataSet  # noqa: PLC0415
+
+    if any(ref.split is None for ref in refs):
+        raise InputError(
+            f"{args.source}: only a data set becomes one zip file; make one of clip npz files by `imgtransfer import`"
+        )
+    chosen = None if args.clip is None and args.split is None else [ref.name for ref in refs]
+    packed = pack(DataSet.open(args.source), args.out, chosen)
+    print(f"{args.out}  {len(packed)} clips, {args.out.stat().st_size / 1e6:.1f} MB")
 
 
 def _write_frames(folder: Path, reader: Reader, kind: MeshKind, step: int) -> None:

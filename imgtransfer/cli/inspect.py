@@ -24,7 +24,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="summarise a data set, clip npz, map npz or checkpoint",
         description="Sizes, splits, edge strain, body penetration, and how much of a garment the views see.",
         examples=(
-            "imgtransfer inspect configs/sample_data/tshirt.zarr --html sample.html",
+            "imgtransfer inspect configs/sample_data/tshirt.zarr.zip --html sample.html",
             "imgtransfer inspect runs/demo",
         ),
     )
@@ -114,7 +114,7 @@ def _facts(source: Path) -> tuple[dict[str, str], dict[str, str]]:
     from imgtransfer.data.place import METADATA  # noqa: PLC0415
     from imgtransfer.data.store import DataSet  # noqa: PLC0415
 
-    if source.is_file() or not place_at(source).exists(METADATA):
+    if not place_at(source).exists(METADATA):
         return {}, {}
     data = DataSet.open(source)
     told = {

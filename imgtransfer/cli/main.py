@@ -35,7 +35,7 @@ def build_parser() -> argparse.ArgumentParser:
         description="Deform garments without skinning: body and garment as images, a network, a fusion.",
         examples=(
             "imgtransfer doctor",
-            "imgtransfer inspect configs/sample_data/tshirt.zarr",
+            "imgtransfer inspect configs/sample_data/tshirt.zarr.zip",
         ),
     )
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)

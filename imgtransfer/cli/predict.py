@@ -23,7 +23,7 @@ def add_parser(
         "vertices read from the position maps alone. The clips need no garment vertices. Clips that this model "
         "has predicted already are left as they are, so a stopped run goes on.",
         examples=(
-            "imgtransfer predict configs/pretrained configs/sample_data/tshirt.zarr --split test --out predictions",
+            "imgtransfer predict configs/pretrained configs/sample_data/tshirt.zarr.zip --split test --out predictions",
             "imgtransfer predict runs/demo my_data.zarr --clip 'tshirt/walk*' --workers 2 --out walks",
         ),
     )

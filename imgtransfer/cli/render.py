@@ -44,7 +44,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "normals; mask, depth and visibility; frames over time; and with --against the difference. Garment and body "
         "are seen by the same cameras and encoded by the garment's box. docs/maps.md describes the files.",
         examples=(
-            "imgtransfer render configs/sample_data/tshirt.zarr --clip '*walk*' --frames 0:60:10 --out maps",
+            "imgtransfer render configs/sample_data/tshirt.zarr.zip --clip '*walk*' --frames 0:60:10 --out maps",
             "imgtransfer render 'walk/*.obj' --template shirt.obj --up=z --unit=cm --views four --out maps",
         ),
     )

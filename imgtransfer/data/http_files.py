@@ -21,6 +21,10 @@ class TooMuchError(OSError):
     """The server sends more than was asked for."""
 
 
+class WholeFilesError(OSError):
+    """The server does not answer requests for a part of a file."""
+
+
 class _Response(aiohttp.ClientResponse):
     """An answer that is read up to a limit, and not for ever; every way of reading whole answers leads through it."""
 
@@ -51,8 +55,8 @@ async def _session(**options: Any) -> aiohttp.ClientSession:
 class HttpFiles(HTTPFileSystem):
     """fsspec's web server, for reading, with limits.
 
-    Every method may raise TimeoutError, TooMuchError, an `aiohttp.ClientError` for what the server answers, and
-    FileNotFoundError for 404 and 410 alone.
+    Every method may raise TimeoutError, TooMuchError, WholeFilesError, an `aiohttp.ClientError` for what the server
+    answers, and FileNotFoundError for 404 and 410 alone.
     """
 
     cachable = False  # the time-outs of a session are those of its making
@@ -69,11 +73,20 @@ class HttpFiles(HTTPFileSystem):
         self, url: str, start: int | None = None, end: int | None = None, limit: int = _LARGEST_FILE, **_: Any
     ) -> bytes:
         session = await self.set_session()
-        async with session.get(self.encode_url(url), **self.kwargs) as response:
+        options, part = dict(self.kwargs), start is not None and end is not None
+        if start is not None and end is not None:
+            limit = end - start
+            asked = {"Range": f"bytes={start}-{end - 1}", "Accept-Encoding": "identity"}
+            options["headers"] = {**options.get("headers", {}), **asked}
+        async with session.get(self.encode_url(url), **options) as response:
             self._raise_not_found_for_status(response, url)
+            if part and response.status != 206:
+                raise WholeFilesError(
+                    "the server sends no parts of files; put simplecache:: before the URL, which copies the file here"
+                )
             response.limit = limit
             content = await response.read()
-        return content[start:end]
+        return content if part else content[start:end]
 
     async def _get_file(self, rpath: str, lpath: str, **_: Any) -> None:
         """Copy a file here, as chains such as simplecache:: do."""

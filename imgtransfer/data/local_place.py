@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from zarr.abc.store import Store
 from zarr.storage import LocalStore
@@ -16,6 +16,33 @@ from imgtransfer.data.place import METADATA, METADATA_LIMIT, group_metadata
 from render import InputError
 from render.files.atomic import check_regular, written_whole, written_whole_folder
 from render.files.temporaries import clear_all, put_back
+
+
+@dataclass(frozen=True)
+class LocalFile:
+    """A file of which parts are read. It is opened for each reading: forked processes would share a position in it."""
+
+    path: Path
+
+    @property
+    def where(self) -> str:
+        return str(self.path)
+
+    def state(self) -> tuple[int, Hashable]:
+        status = self.path.stat()  # or FileNotFoundError
+        check_regular(self.path, "a data set in one zip file")
+        return status.st_size, (status.st_mtime_ns, status.st_ino)
+
+    def read(self, spans: Sequence[tuple[int, int]]) -> list[bytes]:
+        with self.path.open("rb") as file:
+            return [self._part(file, start, stop) for start, stop in spans]
+
+    def _part(self, file: BinaryIO, start: int, stop: int) -> bytes:
+        file.seek(start)
+        part = file.read(stop - start)
+        if len(part) != stop - start:
+            raise InputError(f"{self.path}: shorter than it was; read it when it is whole")
+        return part
 
 
 @dataclass(frozen=True)
@@ -66,6 +93,14 @@ class LocalPlace:
         return sorted(
             f.name for f in (self.root / folder).glob("*") if f.is_file() and not f.name.startswith(".")
         )
+
+    def tree(self, folder: str) -> list[str]:
+        root = self.root / folder
+        keys = (file.relative_to(root).as_posix() for file in root.rglob("*") if file.is_file())
+        return sorted(key for key in keys if not any(part.startswith(".") for part in key.split("/")))
+
+    def check_writable(self) -> None:
+        """A folder may be written to; what the system forbids it says itself."""
 
     def store(self, key: str) -> Store:
         return LocalStore(self.root / key)

@@ -32,6 +32,8 @@ def migrate(path: str | Path, progress: Callable[[list[str]], Iterable[str]] = i
     old = DataSet.open(path)
     before = int(old.attributes["schema_version"])
     left = [name for name in old.names() if old.clip_attributes(name).schema_version != SCHEMA_VERSION]
+    if left or before != SCHEMA_VERSION:
+        old.place.check_writable()
     new = replace(old, attributes=old.attributes | {"schema_version": SCHEMA_VERSION})
     damaged = []
     for name in progress(left):

@@ -55,6 +55,14 @@ class Place(Protocol):
         """Names of the files right in a folder, sorted; none where it does not exist."""
         ...
 
+    def tree(self, folder: str) -> list[str]:
+        """Keys of all files below a folder, relative to it, sorted; those under way are left out, see `empty`."""
+        ...
+
+    def check_writable(self) -> None:
+        """Raise InputError, which says where to write instead, where nothing can be written here."""
+        ...
+
     def store(self, key: str) -> Store:
         """The Zarr store rooted at a folder, to write to."""
         ...

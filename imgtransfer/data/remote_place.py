@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -52,7 +52,7 @@ class RemotePlace:
         return f"{self.root}/{key}" if key else self.root
 
     @contextmanager
-    def _reached(self, key: str = "") -> Iterator[None]:
+    def reached(self, key: str = "") -> Iterator[None]:
         """What goes wrong within is an InputError with the true reason, except that a file is not there."""
         try:
             yield
@@ -80,12 +80,12 @@ class RemotePlace:
         limited = {"limit": limit} if self.url.startswith("http") else {}
         found: dict[str, bytes | Exception] = {}
         if paths:
-            with self._reached():
+            with self.reached():
                 found = self.filesystem.cat(paths, on_error="return", **limited)
         return [self._content(key, found[path], limit) for key, path in zip(keys, paths, strict=True)]
 
     def _content(self, key: str, found: bytes | Exception, limit: int) -> bytes | None:
-        with self._reached(key):
+        with self.reached(key):
             if isinstance(found, FileNotFoundError):
                 return None
             if isinstance(found, Exception):
@@ -95,19 +95,19 @@ class RemotePlace:
         return found
 
     def write(self, key: str, content: bytes) -> None:
-        self._check_writable()
-        with self._reached(key):
+        self.check_writable()
+        with self.reached(key):
             self.filesystem.pipe_file(self._path(key), content)
 
     def exists(self, key: str) -> bool:
-        with self._reached(key):
+        with self.reached(key):
             return bool(self.filesystem.isfile(self._path(key)))
 
     def empty(self) -> bool:
         return not self._listing("")
 
     def groups(self, depth: int) -> list[str]:
-        with self._reached():
+        with self.reached():
             found = self.filesystem.glob(self._path("*/" * depth + METADATA))
         return sorted("/".join(path.split("/")[-depth - 1 : -1]) for path in found)
 
@@ -117,10 +117,19 @@ class RemotePlace:
 
     def _listing(self, folder: str) -> list[dict[str, Any]]:
         try:
-            with self._reached(folder):
+            with self.reached(folder):
                 return self.filesystem.ls(self._path(folder), detail=True)
         except FileNotFoundError:
             return []
+
+    def tree(self, folder: str) -> list[str]:
+        try:
+            with self.reached(folder):
+                paths = self.filesystem.find(self._path(folder))
+        except FileNotFoundError:
+            return []
+        keys = (path.partition(f"{self._path(folder)}/")[2] for path in paths)
+        return sorted(key for key in keys if key and not any(part.startswith(".") for part in key.split("/")))
 
     def store(self, key: str) -> Store:
         # In threads rather than on Zarr's event loop, on which chains such as simplecache::https:// do not work.
@@ -136,7 +145,7 @@ class RemotePlace:
 
     @contextmanager
     def whole_group(self, key: str, attributes: dict[str, Any]) -> Iterator[RemotePlace]:
-        self._check_writable()
+        self.check_writable()
         self.remove(f"{key}/{METADATA}")  # first: from here on there is no such group
         self.remove(key)
         try:
@@ -146,11 +155,50 @@ class RemotePlace:
             self.remove(key)
             raise
 
-    def _check_writable(self) -> None:
+    def check_writable(self) -> None:
         if _is_web(self.url):
             raise InputError(
                 f"{self.url}: web servers can only be read; write to a folder or to object storage"
             )
+
+
+@dataclass(frozen=True)
+class RemoteFile:
+    """A file behind fsspec of which parts are fetched.
+
+    Args:
+        place: what its URL names, as if it were a folder.
+    """
+
+    place: RemotePlace
+
+    @property
+    def where(self) -> str:
+        return self.place.url
+
+    def state(self) -> tuple[int, Hashable]:
+        if not self.place.exists(
+            ""
+        ):  # first: of a server that refuses, `info` says that there is no such file
+            raise FileNotFoundError(self.where)
+        with self.place.reached():
+            info = self.place.filesystem.info(self.place.root)
+        if not isinstance(size := info.get("size"), int):
+            raise InputError(f"{self.where}: cannot be read (the server does not say how large the file is)")
+        return size, str(sorted(info.items()))
+
+    def read(self, spans: Sequence[tuple[int, int]]) -> list[bytes]:
+        starts, stops = [start for start, _ in spans], [stop for _, stop in spans]
+        with self.place.reached():
+            parts = self.place.filesystem.cat_ranges(
+                [self.place.root] * len(spans), starts, stops, on_error="raise"
+            )
+        for part, (start, stop) in zip(parts, spans, strict=True):
+            if len(part) != stop - start:
+                raise InputError(
+                    f"{self.where}: cannot be read ({len(part)} bytes came where {stop - start} were asked for)"
+                )
+        return list(parts)
 
 
 def _is_web(url: str) -> bool:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from imgtransfer.data.choice import choose
 from imgtransfer.data.clip import Clip
-from imgtransfer.data.location import as_url, place_at
+from imgtransfer.data.local_place import LocalPlace
+from imgtransfer.data.location import place_at
 from imgtransfer.data.place import METADATA
 from imgtransfer.data.reader import NpzReader, Reader
 from imgtransfer.data.store import DataSet
@@ -57,7 +58,7 @@ def clip_refs(
     """The clips of `source` that are asked for, sorted by name, not read yet.
 
     Args:
-        source: a data set (folder or URL), a clip npz, or a folder of clip npz files (named by their files).
+        source: a data set (folder, zip file or URL), a clip npz, or a folder of clip npz files (named by their files).
         split: only clips of this split; clip npz files have none.
         names: glob patterns of the clips to take; None takes all.
         exclude: glob patterns of clips to leave out.
@@ -65,7 +66,8 @@ def clip_refs(
     Raises:
         InputError: no such source, or nothing in it that matches (the message lists what there is).
     """
-    if as_url(source) is not None or (Path(source) / METADATA).is_file() or place_at(source).exists(METADATA):
+    place = place_at(source)
+    if not isinstance(place, LocalPlace) or place.exists(METADATA):
         data = DataSet.open(source)
         splits = data.splits()
         taken = [name for name, of in splits.items() if split in (None, of)]

@@ -63,6 +63,7 @@ class DataSet:
             InputError: something stands at `path` already.
         """
         place = place_at(path)
+        place.check_writable()
         if not place.empty():
             raise InputError(f"{path}: exists already; a data set is made in a new or empty folder")
         attributes = {
@@ -88,7 +89,8 @@ class DataSet:
         place = place_at(path)
         if not place.exists(METADATA):
             raise InputError(
-                f"{path}: no data set; wanted is a folder made by `imgtransfer simulate` or `import`"
+                f"{path}: no data set; wanted is a folder made by `imgtransfer simulate` or `import`, "
+                "or the zip file that `imgtransfer export` makes of one"
             )
         attributes = read_root(place, str(path))
         place.put_back()
@@ -98,8 +100,13 @@ class DataSet:
     def open_or_create(
         cls, path: str | Path, *, title: str = "", licence: str = "", source: str = ""
     ) -> DataSet:
-        """`create` where nothing stands at `path`, else `open`."""
+        """`create` where nothing stands at `path`, else `open`: to write to.
+
+        Raises:
+            InputError: a place that is only read, or something else than a data set at `path`.
+        """
         place = place_at(path)
+        place.check_writable()
         if not place.empty():
             return cls.open(path)
         try:

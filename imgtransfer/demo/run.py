@@ -30,7 +30,7 @@ from render.files.atomic import written_whole
 from render.threads import one_blas_thread
 
 PROJECT = Path(__file__).resolve().parents[2]
-SAMPLE_DATA = PROJECT / "configs" / "sample_data" / "tshirt.zarr"
+SAMPLE_DATA = PROJECT / "configs" / "sample_data" / "tshirt.zarr.zip"
 DEMO_CONFIG = PROJECT / "configs" / "demo.yaml"
 CHECKPOINT = PROJECT / "configs" / "pretrained" / "model.safetensors"
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env python
 """What each term of the fusion is worth: Table 5 of the paper, on predictions of `imgtransfer predict`.
 
-    imgtransfer predict configs/pretrained configs/sample_data/tshirt.zarr --split test --out predictions
-    scripts/bench/fusion_terms.py predictions --truth configs/sample_data/tshirt.zarr
+    imgtransfer predict configs/pretrained configs/sample_data/tshirt.zarr.zip --split test --out predictions
+    scripts/bench/fusion_terms.py predictions --truth configs/sample_data/tshirt.zarr.zip
 
 Prints, by solver, the distance to the truth of the vertices as the maps give them, after the edge stage, with the
 rendered normals, and in full (normal consistency and the body added). docs/results.md holds the outcome. With

@@ -27,7 +27,7 @@ from imgtransfer.report.pictures import SKIN, ShadedMesh, error_picture, mesh_pi
 from render import Mesh, TemplateImager, contact_sheet, vertex_normals, write_png
 
 PROJECT = Path(__file__).resolve().parents[2]
-SAMPLE = PROJECT / "configs" / "sample_data" / "tshirt.zarr"
+SAMPLE = PROJECT / "configs" / "sample_data" / "tshirt.zarr.zip"
 CLIP, FRAMES = "tshirt/punch_s101", slice(10, 60, 12)
 BLUR_PIXELS = 1.5  # of maps of 256 x 256; the noise is as smooth
 POSITION_NOISE_M, NORMAL_NOISE = 0.004, 0.08

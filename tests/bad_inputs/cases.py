@@ -82,6 +82,8 @@ def _of_files() -> list[Case]:
         *_every(r.SET_ARRAY, (*jsons.WHOLE_FAULTS, *jsons.VALUE_FAULTS), 12),
         *_every(r.SET_CHUNK, bytes_of_any, 4),
         *_every(r.SET_REJECTED, (*jsons.WHOLE_FAULTS, *jsons.VALUE_FAULTS, *bytes_of_any), 10),
+        *_every(r.SET_ZIP[:1], bytes_of_any),
+        *_every(r.SET_ZIP[1:], bytes_of_any, 6),
         *_every(r.MIGRATE[:3], (*jsons.WHOLE_FAULTS, *jsons.VALUE_FAULTS), 9),
         *_every(r.MIGRATE[3:], bytes_of_any, 6),
         *_every(r.MODELS[:1], (*bytes_of_any, *jsons.HEADER_FAULTS, *jsons.SETTING_FAULTS)),

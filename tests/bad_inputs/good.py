@@ -12,6 +12,7 @@ import numpy as np
 
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, save_clip
+from imgtransfer.data.packing import pack
 from imgtransfer.data.store import DataSet
 from imgtransfer.training.checkpoint import save_model
 from imgtransfer.training.config import RunConfig, parse_config, to_yaml
@@ -52,6 +53,7 @@ def _write_ours(clip: Clip) -> None:
     for split in ("train", "validation"):
         data.write(f"tube/{split}", clip, split=split)
     data.reject("tube/worse", "it sinks", "b")
+    pack(data, Path("set.zip"))
     old = DataSet.create("old", title="Tubes")
     old.write("tube/train", clip, split="train")
     for file, kept in (

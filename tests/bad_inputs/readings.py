@@ -116,6 +116,13 @@ SET_REJECTED = (
     Reading("simulate", f"simulate simulation.yaml {_NONE} set", "set/rejected/tube__worse.json",
             writes=("set",), named=("none/none",), optional=True),
 )  # fmt: skip
+SET_ZIP = (
+    Reading("export", "export set.zip --clip tube/train --out out/a.npz", "set.zip"),
+    Reading("export-zip", "export set.zip --out out/a.zip", "set.zip"),
+    Reading("import", "import set.zip --to out", "set.zip", named=("tube/train", "tube/validation")),
+    Reading("train", f"train run.yaml --data set.zip {_OUT}", "set.zip"),
+    Reading("evaluate", "evaluate --baseline lbs --truth set.zip", "set.zip", writes=()),
+)
 MIGRATE = (
     Reading("migrate", "migrate old", "old/zarr.json", writes=("old",), named=("old/", "old:")),
     Reading("migrate", "migrate old", "old/tube/train/zarr.json", writes=("old",), named=("tube/train",)),

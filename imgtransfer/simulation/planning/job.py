@@ -81,7 +81,9 @@ def simulate(
 
 def _standing(tasks: Sequence[Task], out: str | Path) -> tuple[set[str], dict[str, str]]:
     """Names of the clips that `out` holds, and of the tasks' those that it lists as rejected, with the reasons."""
-    if place_at(out).empty():
+    place = place_at(out)
+    place.check_writable()
+    if place.empty():
         return set(), {}
     data = DataSet.open(out)
     listed = data.rejected()
