@@ -58,7 +58,7 @@ def plane_contact(
     fabric: Fabric,
     stiffness: float,
     thickness: float,
-    seconds: float,
+    dt: float,
     x: wp.vec3,
     start: wp.vec3,
     p: wp.vec3,
@@ -69,16 +69,16 @@ def plane_contact(
     force, hessian = wp.vec3(0.0), wp.mat33(0.0)
     depth = thickness - wp.dot(n, x - p)
     if wp.dot(n, n) > 0.0 and depth > 0.0:
-        slip = x - start - seconds * v
+        slip = x - start - dt * v
         along = wp.dot(n, slip)
         load = stiffness * depth
         k = stiffness
         force = load * n
         if along < 0.0:
-            force -= fabric.contact_damping / seconds * along * n
-            k += fabric.contact_damping / seconds
+            force -= fabric.contact_damping / dt * along * n
+            k += fabric.contact_damping / dt
         slip = slip - along * n
-        way, least = wp.length(slip), _SLIP_SPEED * seconds
+        way, least = wp.length(slip), _SLIP_SPEED * dt
         grip = fabric.friction * load
         if way > least:
             grip = grip / way
@@ -207,7 +207,7 @@ def find_touches(touch: Touch, start: wp.array(dtype=wp.vec3), cloth: wp.uint64)
 def _touch(
     touch: Touch,
     fabric: Fabric,
-    seconds: float,
+    dt: float,
     i: int,
     start: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3),
@@ -215,15 +215,15 @@ def _touch(
     """Force and Hessian on vertex i of the triangle that it touches."""
     face = touch.faces[touch.face[i]]
     p, before = _mix(touch.weights[i], face, position), _mix(touch.weights[i], face, start)
-    n, velocity = touch.normal[i], (p - before) / seconds
-    return plane_contact(fabric, touch.stiffness, touch.apart, seconds, position[i], start[i], p, n, velocity)
+    n, velocity = touch.normal[i], (p - before) / dt
+    return plane_contact(fabric, touch.stiffness, touch.apart, dt, position[i], start[i], p, n, velocity)
 
 
 @wp.func
 def self_contact(
     touch: Touch,
     fabric: Fabric,
-    seconds: float,
+    dt: float,
     i: int,
     start: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3),
@@ -231,7 +231,7 @@ def self_contact(
     """Force and Hessian on vertex i of all contacts of the cloth with itself that it takes part in."""
     force, hessian = wp.vec3(0.0), wp.mat33(0.0)
     if touch.face[i] >= 0:
-        force, hessian = _touch(touch, fabric, seconds, i, start, position)
+        force, hessian = _touch(touch, fabric, dt, i, start, position)
     for place in range(wp.min(touch.count[i], _MOST)):
         other = touch.others[i, place]
         face, weights = touch.faces[touch.face[other]], touch.weights[other]
@@ -240,7 +240,7 @@ def self_contact(
             weight = weights[1]
         elif face[2] == i:
             weight = weights[2]
-        f, h = _touch(touch, fabric, seconds, other, start, position)
+        f, h = _touch(touch, fabric, dt, other, start, position)
         force -= weight * f
         hessian += weight * weight * h
     return force, hessian

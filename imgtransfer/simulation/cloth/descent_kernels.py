@@ -85,7 +85,7 @@ def begin(
     sheet: Sheet,
     step: Step,
     gravity: wp.vec3,
-    seconds: float,
+    dt: float,
     velocity: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3),
 ):
@@ -94,7 +94,7 @@ def begin(
     x = position[i]
     step.start[i] = x
     if sheet.mass[i] > 0.0:
-        x = x + seconds * (velocity[i] + seconds * gravity)
+        x = x + dt * (velocity[i] + dt * gravity)
     step.goal[i] = x
     position[i] = x
 
@@ -137,7 +137,7 @@ def _membrane(
     area: float,
     before: wp.vec3,
     fabric: Fabric,
-    per_second: float,
+    inverse_dt: float,
     x: wp.vec3,
     p: wp.vec3,
     q: wp.vec3,
@@ -163,7 +163,7 @@ def _membrane(
     )
     if fabric.stretch_damping > 0.0:
         c00, c01, c11 = 2.0 * d0 * f0, d0 * f1 + d1 * f0, 2.0 * d1 * f1
-        k = fabric.stretch_damping * fabric.stretch * per_second
+        k = fabric.stretch_damping * fabric.stretch * inverse_dt
         force -= k * (
             (wp.dot(f0, f0) - before[0]) * c00
             + 2.0 * (wp.dot(f0, f1) - before[1]) * c01
@@ -215,7 +215,7 @@ def descend(
     step: Step,
     touch: Touch,
     fabric: Fabric,
-    seconds: float,
+    dt: float,
     members: wp.array(dtype=int),
     position: wp.array(dtype=wp.vec3),
 ):
@@ -225,13 +225,13 @@ def descend(
     if mass == 0.0:
         return
     x = position[i]
-    per_second = 1.0 / seconds
-    inertia = mass * per_second * per_second
+    inverse_dt = 1.0 / dt
+    inertia = mass * inverse_dt * inverse_dt
     force, hessian = plane_contact(
         fabric,
         fabric.contact_stiffness,
         fabric.thickness,
-        seconds,
+        dt,
         x,
         step.start[i],
         step.surface[i],
@@ -239,7 +239,7 @@ def descend(
         step.speed[i],
     )
     if touch.apart > 0.0:
-        f, h = self_contact(touch, fabric, seconds, i, step.start, position)
+        f, h = self_contact(touch, fabric, dt, i, step.start, position)
         force += f
         hessian += h
     force += inertia * (step.goal[i] - x)
@@ -247,10 +247,10 @@ def descend(
     for c in range(sheet.corner_start[i], sheet.corner_start[i + 1]):
         of = sheet.corners[c]
         t, p, q = of[0], position[of[1]], position[of[2]]
-        f, h = _membrane(sheet.corner_rest[c], sheet.area[t], step.metric[t], fabric, per_second, x, p, q)
+        f, h = _membrane(sheet.corner_rest[c], sheet.area[t], step.metric[t], fabric, inverse_dt, x, p, q)
         force += f
         hessian += h
-    damping = fabric.bending_damping * per_second
+    damping = fabric.bending_damping * inverse_dt
     for c in range(sheet.tip_start[i], sheet.tip_start[i + 1]):
         k = sheet.tip_hinge[c]
         f, h = _hinge(sheet, step, k, sheet.tips[c], False, position, damping)
@@ -267,8 +267,8 @@ def descend(
 
 @wp.kernel
 def finish(
-    step: Step, per_second: float, position: wp.array(dtype=wp.vec3), velocity: wp.array(dtype=wp.vec3)
+    step: Step, inverse_dt: float, position: wp.array(dtype=wp.vec3), velocity: wp.array(dtype=wp.vec3)
 ):
     """Velocities from the way gone."""
     i = wp.tid()
-    velocity[i] = (position[i] - step.start[i]) * per_second
+    velocity[i] = (position[i] - step.start[i]) * inverse_dt

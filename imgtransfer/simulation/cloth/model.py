@@ -109,20 +109,20 @@ class ClothOnBody:
         self.state.particle_qd.assign(velocities.astype(np.float32))
         self._body = body_vertices.astype(np.float32)
 
-    def step(self, body_vertices: np.ndarray, seconds: float, held: np.ndarray | None = None) -> None:
-        """Move the body to (B, 3) and the held vertices to (H, 3) in `seconds` and let the cloth follow."""
+    def step(self, body_vertices: np.ndarray, dt: float, held: np.ndarray | None = None) -> None:
+        """Move the body to (B, 3) and the held vertices to (H, 3) within `dt` seconds and let the cloth follow."""
         if held is not None and len(held):
             cloth = self.state.particle_q.numpy()
             cloth[self._held] = held
             self.state.particle_q.assign(cloth)
-        self.move_body(body_vertices, seconds)
-        self.stepper.step(self.state, seconds)
+        self.move_body(body_vertices, dt)
+        self.stepper.step(self.state, dt)
 
-    def move_body(self, body_vertices: np.ndarray, seconds: float) -> None:
-        """Move the body alone to (B, 3) in `seconds`; its surface gets the velocity that this takes."""
+    def move_body(self, body_vertices: np.ndarray, dt: float) -> None:
+        """Move the body alone to (B, 3) within `dt` seconds; its surface gets the velocity that this takes."""
         body = body_vertices.astype(np.float32)
         self.collider.points.assign(body)
-        self.collider.velocities.assign((body - self._body) / seconds)
+        self.collider.velocities.assign((body - self._body) / dt)
         self.collider.refit()
         self._body = body
 
