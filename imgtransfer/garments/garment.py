@@ -163,19 +163,19 @@ def _check(mesh: Mesh, figure: Figure, config: MadeConfig) -> None:
     """Raise InputError unless the surface is what a garment of its kind must be."""
     wanted = OPENINGS[config.kind]
     quality = mesh_quality(mesh)
-    found = None
+    result = None
     if quality.non_manifold or quality.handles or quality.openings != len(wanted):
-        found = f"a surface with {quality.openings} openings and {quality.handles} handles"
+        result = f"a surface with {quality.openings} openings and {quality.handles} handles"
     elif quality.intersecting or quality.duplicates:
-        found = (
+        result = (
             f"{max(quality.intersecting, quality.duplicates)} faces that pass through others or touch them"
         )
     elif (clearance := _distance(mesh.vertices, figure.vertices, figure.faces).min()) < CLEARANCE:
-        found = f"cloth that starts {1000 * clearance:.1f} mm from the body ({1000 * CLEARANCE:.0f} mm are needed)"
-    if found:
+        result = f"cloth that starts {1000 * clearance:.1f} mm from the body ({1000 * CLEARANCE:.0f} mm are needed)"
+    if result:
         sizes = config.model_dump(exclude={"kind"}, exclude_defaults=True) or "by default"
         raise InputError(
-            f"{config.kind}: the sizes {sizes} give {found}, where one piece with {', '.join(wanted)} is wanted on "
+            f"{config.kind}: the sizes {sizes} give {result}, where one piece with {', '.join(wanted)} is wanted on "
             "this body; use a smaller edge_length, less ease or flare, or lengths nearer to the defaults"
         )
 
@@ -190,10 +190,10 @@ def _named(mesh: Mesh, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     """The border loops by name: the first at the top, a left one farthest along +x, and so on."""
     loops = border_loops(mesh.faces)
     centres = {number: mesh.vertices[loop].mean(axis=0) for number, loop in enumerate(loops)}
-    found = {}
+    named = {}
     for name in names:
         axis, sign = {"left": (0, 1), "righ": (0, -1), "hem": (1, -1)}.get(name[:4], (1, 1))
         number = max(centres, key=lambda n: sign * centres[n][axis])
         del centres[number]
-        found[name] = loops[number]
-    return found
+        named[name] = loops[number]
+    return named

@@ -25,13 +25,13 @@ class DressedBody:
     Args:
         rest: (B, 3) float32 the skin, metres. faces: (G, 3) int32.
         garment: where it is put on.
-        under: (M,) int64, the skin's vertices under it.
+        covered: (M,) int64, the skin's vertices that the garment covers.
     """
 
     rest: np.ndarray
     faces: np.ndarray
     garment: Garment
-    under: np.ndarray
+    covered: np.ndarray
 
     def cloth(self, config: ClothConfig, solver: SolverConfig) -> ClothOnBody:
         """The garment where it is put on, ready to be stepped."""
@@ -54,12 +54,12 @@ class BodyMotion(ABC):
     @property
     @abstractmethod
     def skin(self) -> np.ndarray:
-        """(K, M, 3) float32, the skin under the garment at the key frames."""
+        """(K, M, 3) float32, the covered skin at the key frames."""
 
     @abstractmethod
     def between(self, number: int, substeps: int) -> tuple[np.ndarray, np.ndarray]:
-        """(S, B, 3) skin and (S, H, 3) held vertices, float32, at the ends of `substeps` even parts of the way from key
-        frame `number` - 1 to `number`.
+        """(S, B, 3) skin and (S, H, 3) held vertices, float32, at the ends of `substeps` even parts of the movement from
+        key frame `number` - 1 to `number`.
         """
 
     @property
@@ -80,10 +80,10 @@ class BodyMotion(ABC):
         """What a clip's `info` says of the body: its `source` and `body`."""
 
 
-def warm_up_shares(solver: SolverConfig, fps: float) -> np.ndarray:
+def warm_up_fractions(solver: SolverConfig, fps: float) -> np.ndarray:
     """(W,) from 0, the rest pose, to 1, the first frame, slow at both ends."""
-    share = np.linspace(0, 1, 1 + max(1, round(solver.warm_up_seconds * fps)))
-    return share * share * (3 - 2 * share)
+    fraction = np.linspace(0, 1, 1 + max(1, round(solver.warm_up_seconds * fps)))
+    return fraction * fraction * (3 - 2 * fraction)
 
 
 @lru_cache(maxsize=4)

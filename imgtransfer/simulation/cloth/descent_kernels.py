@@ -53,9 +53,8 @@ class Step:
 
     start: wp.array(dtype=wp.vec3)  # where the step starts
     goal: wp.array(dtype=wp.vec3)  # where inertia and gravity alone would lead
-    surface: wp.array(
-        dtype=wp.vec3
-    )  # closest point of the body, its outward normal (0 if far away) and velocity
+    # Closest point of the body, its outward normal (0 if far away) and velocity.
+    surface: wp.array(dtype=wp.vec3)
     normal: wp.array(dtype=wp.vec3)
     speed: wp.array(dtype=wp.vec3)
     metric: wp.array(dtype=wp.vec3)  # FᵀF (its entries 00, 01, 11) at the start
@@ -122,12 +121,12 @@ def find_contacts(step: Step, body: wp.uint64, reach: float):
     i = wp.tid()
     x = step.start[i]
     n = wp.vec3(0.0)
-    found = wp.mesh_query_point_sign_normal(body, x, reach)
-    if found.result:
-        p = wp.mesh_eval_position(body, found.face, found.u, found.v)
-        n = wp.normalize(x - p) * found.sign
+    closest = wp.mesh_query_point_sign_normal(body, x, reach)
+    if closest.result:
+        p = wp.mesh_eval_position(body, closest.face, closest.u, closest.v)
+        n = wp.normalize(x - p) * closest.sign
         step.surface[i] = p
-        step.speed[i] = wp.mesh_eval_velocity(body, found.face, found.u, found.v)
+        step.speed[i] = wp.mesh_eval_velocity(body, closest.face, closest.u, closest.v)
     step.normal[i] = n
 
 
@@ -269,6 +268,6 @@ def descend(
 def finish(
     step: Step, inverse_dt: float, position: wp.array(dtype=wp.vec3), velocity: wp.array(dtype=wp.vec3)
 ):
-    """Velocities from the way gone."""
+    """Velocities from the displacements of the step."""
     i = wp.tid()
     velocity[i] = (position[i] - step.start[i]) * inverse_dt

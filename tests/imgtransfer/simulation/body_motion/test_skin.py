@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imgtransfer.simulation.body_motion.skin import SkinPoints, skin_under, step_count
+from imgtransfer.simulation.body_motion.skin import SkinPoints, covered_skin, step_count
 from imgtransfer.simulation.config import SolverConfig
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -40,8 +40,8 @@ def test_a_jerk_of_the_whole_body_counts():
 
 def test_the_skin_under_a_garment():
     cloth = np.array([[0.1, 0.05, 0], [0, 0.12, 0]])
-    assert np.array_equal(skin_under(cloth, SKIN), [1, 2])
-    assert np.array_equal(skin_under(cloth + 10, SKIN), np.arange(4))
+    assert np.array_equal(covered_skin(cloth, SKIN), [1, 2])
+    assert np.array_equal(covered_skin(cloth + 10, SKIN), np.arange(4))
 
 
 def test_the_second_attempt_has_twice_the_substeps():
