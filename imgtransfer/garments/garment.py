@@ -51,14 +51,14 @@ class Garment:
         name: what data sets call it.
         mesh: where it starts, in the body's rest frame, metres, outside the body.
         openings: the vertices around each opening, by name.
-        held: (H,) int64, vertices of a waistband, which stay where they are on the skin; without them trousers and
+        pinned: (H,) int64, vertices of a waistband, which stay where they are on the skin; without them trousers and
             skirts would slide down, as cloth without a belt does.
     """
 
     name: str
     mesh: Mesh
     openings: dict[str, np.ndarray]
-    held: np.ndarray
+    pinned: np.ndarray
 
 
 @one_blas_thread()
@@ -149,14 +149,14 @@ def load_template(
         say=say,
     )
     loops = {f"opening {number}": loop for number, loop in enumerate(border_loops(mesh.faces), 1)}
-    held = _NONE
-    if config.held:
+    pinned = _NONE
+    if config.pinned:
         if not loops:
             raise InputError(
-                f"{config.path}: the mesh has no opening that could be a waistband; leave out {say('held', '')}"
+                f"{config.path}: the mesh has no opening that could be a waistband; leave out {say('pinned', '')}"
             )
-        held = np.sort(max(loops.values(), key=lambda loop: mesh.vertices[loop, 1].mean()))
-    return Garment(config.title, mesh, loops, held), notes
+        pinned = np.sort(max(loops.values(), key=lambda loop: mesh.vertices[loop, 1].mean()))
+    return Garment(config.title, mesh, loops, pinned), notes
 
 
 def _check(mesh: Mesh, figure: Figure, config: MadeConfig) -> None:

@@ -61,7 +61,7 @@ def motion_faults(motion: Motion, *, turning: float = TURNING, path_speed: float
     if (pelvis_speed > path_speed).any():
         frame = int(pelvis_speed.argmax())
         faults.append(
-            f"the body moves at {pelvis_speed[frame]:.1f} m/s at {frame / motion.fps:.2f} s, at most {path_speed:g} are "
-            "allowed"
+            f"the body moves at {pelvis_speed[frame]:.1f} m/s at {frame / motion.fps:.2f} s, "
+            f"at most {path_speed:g} are allowed"
         )
     return faults

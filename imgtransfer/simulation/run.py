@@ -105,8 +105,8 @@ def _simulated(
             vertices.append(cloth.vertices)
         count = step_count(skin[max(0, number - 2)], skin[number - 1], skin[number], solver)
         steps.append(count)
-        for body, held in zip(*movement.between(number, count), strict=True):
-            cloth.step(body, 1 / (movement.fps * count), held)
+        for body, pinned in zip(*movement.between(number, count), strict=True):
+            cloth.step(body, 1 / (movement.fps * count), pinned)
     vertices.append(cloth.vertices)
     return movement.placed(np.stack(vertices)), np.array(steps[movement.start :])
 

@@ -35,7 +35,9 @@ class DressedBody:
 
     def cloth(self, config: ClothConfig, solver: SolverConfig) -> ClothOnBody:
         """The garment where it is put on, ready to be stepped."""
-        return ClothOnBody(self.garment.mesh, self.rest, self.faces, config, solver, held=self.garment.held)
+        return ClothOnBody(
+            self.garment.mesh, self.rest, self.faces, config, solver, pinned=self.garment.pinned
+        )
 
 
 class BodyMotion(ABC):
@@ -58,8 +60,9 @@ class BodyMotion(ABC):
 
     @abstractmethod
     def between(self, number: int, substeps: int) -> tuple[np.ndarray, np.ndarray]:
-        """(S, B, 3) skin and (S, H, 3) held vertices, float32, at the ends of `substeps` even parts of the movement from
-        key frame `number` - 1 to `number`.
+        """(S, B, 3) skin and (S, H, 3) pinned vertices, float32, at the ends of `substeps` even parts of a movement.
+
+        The movement is that from key frame `number` - 1 to `number`.
         """
 
     @property

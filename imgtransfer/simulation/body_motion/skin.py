@@ -12,7 +12,7 @@ _COVERED = 0.06  # metres between the cloth and the skin that it lies on, at mos
 
 
 def covered_skin(cloth: np.ndarray, skin: np.ndarray) -> np.ndarray:
-    """Which vertices of the resting body (B, 3) the cloth (N, 3) covers: int64 indices, all of them where it is none."""
+    """Which vertices of the resting body (B, 3) the cloth (N, 3) covers: int64 indices; all where it is none."""
     near = np.flatnonzero(cKDTree(cloth).query(skin)[0] < _COVERED)
     return near if len(near) else np.arange(len(skin))
 

@@ -60,8 +60,8 @@ class SkinnedBodyMotion(BodyMotion):
         start, end = (_repeated(_frame(self._keys, key), substeps) for key in (number - 1, number))
         transforms = self._body.transforms(self._body.interpolate(start, end, fraction)).astype(np.float32)
         garment = self.worn.garment
-        held = garment.mesh.vertices[garment.held]
-        return self._body.vertices(transforms), skinned(transforms, self._weights, held)
+        pinned = garment.mesh.vertices[garment.pinned]
+        return self._body.vertices(transforms), skinned(transforms, self._weights, pinned)
 
     @property
     def body(self) -> np.ndarray:
@@ -92,7 +92,7 @@ class SkinnedBodyMotion(BodyMotion):
 def _dressed(
     wearer: BodyConfig, kind: GarmentConfig, fingerprint: str
 ) -> tuple[DressedBody, SkinnedBody, np.ndarray]:
-    """The garment on the body, and the blend weights (H, K) with which its held vertices move.
+    """The garment on the body, and the blend weights (H, K) with which its pinned vertices move.
 
     Args:
         fingerprint: of the garment's file, so that another one of the same name is read anew.
@@ -102,7 +102,7 @@ def _dressed(
     like = None if wearer == wearer.reference else make_body(wearer.reference)
     garment = make_garment(body, kind, like=like)
     mesh = garment.mesh
-    weights = body.weights_near(mesh.vertices[garment.held])
+    weights = body.weights_near(mesh.vertices[garment.pinned])
     return DressedBody(body.rest, body.faces, garment, covered_skin(mesh.vertices, body.rest)), body, weights
 
 

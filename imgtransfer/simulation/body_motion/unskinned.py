@@ -23,7 +23,7 @@ from render import InputError, Mesh
 
 
 class MeshBodyMotion(BodyMotion):
-    """A mesh sequence: between frames the skin moves on straight lines, and held vertices with the skin below them.
+    """A mesh sequence: between frames the skin moves on straight lines, and pinned vertices with the skin below them.
 
     From the rest pose the body comes to its first frame by Poisson shape interpolation. Where on the floor it stands
     and where it faces then has no part in that: the cloth would only be flung about.
@@ -36,7 +36,7 @@ class MeshBodyMotion(BodyMotion):
         moving = sequence.read()
         self.name, self.fps = sequence.name, sequence.fps
         key = _Rest(moving.rest_content, moving.rest, sequence.settings.axes)
-        self.worn, self._held = _dressed(key, config.garment, garment_fingerprint(config.garment))
+        self.worn, self._pinned = _dressed(key, config.garment, garment_fingerprint(config.garment))
         rest = moving.rest.vertices
         vertices = moving.vertices
         self._heading = heading(rigid_rotation(rest, vertices[0].astype(np.float64)))
@@ -56,7 +56,7 @@ class MeshBodyMotion(BodyMotion):
     def between(self, number: int, substeps: int) -> tuple[np.ndarray, np.ndarray]:
         fraction = (np.arange(1, substeps + 1, dtype=np.float32) / substeps)[:, None, None]
         skin = (1 - fraction) * self._keys[number - 1] + fraction * self._keys[number]
-        return skin, self._held.at(skin)
+        return skin, self._pinned.at(skin)
 
     @property
     def body(self) -> np.ndarray:
@@ -100,10 +100,10 @@ class _Rest:
 
 @lru_cache(maxsize=4)
 def _dressed(body: _Rest, kind: GarmentConfig, fingerprint: str) -> tuple[DressedBody, SkinPoints]:
-    """The garment on the body, and its held vertices as points of the skin; `fingerprint` is of the garment's file."""
+    """The garment on the body, and its pinned vertices as points of the skin; `fingerprint` is the garment file's."""
     if not isinstance(kind, TemplateConfig):
         raise InputError(needs_template(kind))
     garment, _ = load_template(body.mesh, kind, body_axes=body.axes)
     rest, mesh = body.mesh.vertices.astype(np.float32), garment.mesh
     worn = DressedBody(rest, body.mesh.faces.astype(np.int32), garment, covered_skin(mesh.vertices, rest))
-    return worn, SkinPoints(mesh.vertices[garment.held], rest, body.mesh.faces)
+    return worn, SkinPoints(mesh.vertices[garment.pinned], rest, body.mesh.faces)

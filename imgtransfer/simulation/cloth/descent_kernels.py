@@ -218,7 +218,7 @@ def descend(
     members: wp.array(dtype=int),
     position: wp.array(dtype=wp.vec3),
 ):
-    """One Newton step of each vertex of a colour, the others held fixed; no two of a colour share a face or hinge."""
+    """One Newton step of each vertex of a colour, the others fixed; no two of a colour share a face or hinge."""
     i = members[wp.tid()]
     mass = sheet.mass[i]
     if mass == 0.0:
