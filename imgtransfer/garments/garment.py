@@ -27,8 +27,7 @@ from imgtransfer.garments.refit import refitted
 from imgtransfer.garments.upper import upper_field, upper_garment
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.findings import Say
-from imgtransfer.importers.checks.template import as_setting
-from imgtransfer.importers.checks.template import load_template as place_template
+from imgtransfer.importers.checks.template import as_setting, load_template
 from render import InputError
 from render.mesh.mesh import Mesh
 from render.threads import one_blas_thread
@@ -79,7 +78,7 @@ def make_garment(
     """
     config = config or TShirtConfig()
     if isinstance(config, TemplateConfig):
-        return load_template(resting(body), config)[0]
+        return template_garment(resting(body), config)[0]
     figure = Figure.of(body)
     maker = figure if like is None else Figure.of(like)
     mesh = _surface(maker, config)
@@ -122,7 +121,7 @@ def _field(figure: Figure, config: MadeConfig) -> Field:
     return lower_field(figure, config)
 
 
-def load_template(
+def template_garment(
     body: Mesh, config: TemplateConfig, *, body_axes: Axes | None = None, say: Say = as_setting
 ) -> tuple[Garment, list[str]]:
     """The user's mesh, in our axes and units, welded if asked for, checked against the body that shall wear it.
@@ -139,7 +138,7 @@ def load_template(
         InputError: no such file, no usable mesh, or a fault that the import of meshes would stop at, such as other
             units or axes than the body's, or a start deep inside the body.
     """
-    mesh, notes = place_template(
+    mesh, notes = load_template(
         config.path,
         body,
         axes=config.axes,

@@ -50,7 +50,7 @@ class BodyMotion(ABC):
 
     name: str
     fps: float
-    worn: DressedBody
+    dressed: DressedBody
     start: int
 
     @property
@@ -90,13 +90,13 @@ def warm_up_fractions(solver: SolverConfig, fps: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def settled(worn: DressedBody, material: ClothConfig, solver: SolverConfig, fps: float) -> np.ndarray:
+def settled(dressed: DressedBody, material: ClothConfig, solver: SolverConfig, fps: float) -> np.ndarray:
     """(N, 3) the cloth at rest on the resting body, outside it; for every clip, hence computed once a process."""
-    cloth = worn.cloth(material, solver)
+    cloth = dressed.cloth(material, solver)
     for _ in range(round(solver.settle_seconds * fps)):
         for _ in range(solver.min_substeps):
-            cloth.step(worn.rest, 1 / (fps * solver.min_substeps))
-        cloth.place(cloth.vertices, SETTLE_DAMPING * cloth.velocities, worn.rest)
-    sdf = BodySdf(worn.faces, len(worn.rest))
-    sdf.update(worn.rest)
+            cloth.step(dressed.rest, 1 / (fps * solver.min_substeps))
+        cloth.place(cloth.vertices, SETTLE_DAMPING * cloth.velocities, dressed.rest)
+    sdf = BodySdf(dressed.faces, len(dressed.rest))
+    sdf.update(dressed.rest)
     return push_out(cloth.vertices, sdf)[0]

@@ -30,7 +30,7 @@ class SkinnedBodyMotion(BodyMotion):
     def __init__(self, motion: Motion, config: SimulateConfig) -> None:
         self.name, self.fps = motion.name, motion.fps
         self._motion, self._config = motion, config
-        self.worn, self._body, self._weights = _dressed(
+        self.dressed, self._body, self._weights = _dressed(
             config.body, config.garment, garment_fingerprint(config.garment)
         )
         body = self._body
@@ -53,13 +53,13 @@ class SkinnedBodyMotion(BodyMotion):
     @property
     def skin(self) -> np.ndarray:
         transforms = self._body.transforms(self._keys).astype(np.float32)
-        return self._body.vertices(transforms)[:, self.worn.covered]
+        return self._body.vertices(transforms)[:, self.dressed.covered]
 
     def between(self, number: int, substeps: int) -> tuple[np.ndarray, np.ndarray]:
         fraction = np.arange(1, substeps + 1)[:, None] / substeps
         start, end = (_repeated(_frame(self._keys, key), substeps) for key in (number - 1, number))
         transforms = self._body.transforms(self._body.interpolate(start, end, fraction)).astype(np.float32)
-        garment = self.worn.garment
+        garment = self.dressed.garment
         pinned = garment.mesh.vertices[garment.pinned]
         return self._body.vertices(transforms), skinned(transforms, self._weights, pinned)
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig, TemplateConfig, garment_fingerprint
-from imgtransfer.garments.garment import load_template
+from imgtransfer.garments.garment import template_garment
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import seam_groups
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
@@ -36,7 +36,7 @@ class MeshBodyMotion(BodyMotion):
         moving = sequence.read()
         self.name, self.fps = sequence.name, sequence.fps
         key = _Rest(moving.rest_content, moving.rest, sequence.settings.axes)
-        self.worn, self._pinned = _dressed(key, config.garment, garment_fingerprint(config.garment))
+        self.dressed, self._pinned = _dressed(key, config.garment, garment_fingerprint(config.garment))
         rest = moving.rest.vertices
         vertices = moving.vertices
         self._heading = heading(rigid_rotation(rest, vertices[0].astype(np.float64)))
@@ -51,7 +51,7 @@ class MeshBodyMotion(BodyMotion):
 
     @property
     def skin(self) -> np.ndarray:
-        return self._keys[:, self.worn.covered]
+        return self._keys[:, self.dressed.covered]
 
     def between(self, number: int, substeps: int) -> tuple[np.ndarray, np.ndarray]:
         fraction = (np.arange(1, substeps + 1, dtype=np.float32) / substeps)[:, None, None]
@@ -103,7 +103,7 @@ def _dressed(body: _Rest, kind: GarmentConfig, fingerprint: str) -> tuple[Dresse
     """The garment on the body, and its pinned vertices as points of the skin; `fingerprint` is the garment file's."""
     if not isinstance(kind, TemplateConfig):
         raise InputError(needs_template(kind))
-    garment, _ = load_template(body.mesh, kind, body_axes=body.axes)
+    garment, _ = template_garment(body.mesh, kind, body_axes=body.axes)
     rest, mesh = body.mesh.vertices.astype(np.float32), garment.mesh
-    worn = DressedBody(rest, body.mesh.faces.astype(np.int32), garment, covered_skin(mesh.vertices, rest))
-    return worn, SkinPoints(mesh.vertices[garment.pinned], rest, body.mesh.faces)
+    dressed = DressedBody(rest, body.mesh.faces.astype(np.int32), garment, covered_skin(mesh.vertices, rest))
+    return dressed, SkinPoints(mesh.vertices[garment.pinned], rest, body.mesh.faces)

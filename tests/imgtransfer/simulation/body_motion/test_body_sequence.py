@@ -193,14 +193,14 @@ def test_a_waistband_stays_on_the_skin_below(tmp_path):
     path = write_obj(tmp_path / "kilt.obj", skirt.mesh.vertices, skirt.mesh.faces)
     folder = write_body(tmp_path / "squat", moving("squat", 12), Axes())
     garment = TemplateConfig(path=path, pinned=True)
-    movement = MeshBodyMotion(
+    body_motion = MeshBodyMotion(
         find_sequence(folder, SequenceFiles(), 30.0), SimulateConfig(garment=garment, solver=QUICK)
     )
-    np.testing.assert_array_equal(movement.worn.garment.pinned, skirt.pinned)
+    np.testing.assert_array_equal(body_motion.dressed.garment.pinned, skirt.pinned)
     band = skirt.mesh.vertices[skirt.pinned]
     around = np.linalg.norm(np.diff(band, axis=0), axis=1)
-    for number in (1, movement.start, len(movement.skin) - 1):
-        skin, pinned = movement.between(number, 2)
+    for number in (1, body_motion.start, len(body_motion.skin) - 1):
+        skin, pinned = body_motion.between(number, 2)
         assert skin.shape == (2, len(BODY.rest), 3)
         for body, points in zip(skin, pinned, strict=True):
             sdf = BodySdf(BODY.faces, len(body))
