@@ -105,8 +105,8 @@ def _displacement(shape: AnnyShape) -> np.ndarray:
     """(B + heads, 3) float64, metres, from the default shape to this one."""
     stored = _arrays(SHAPES_FILE)
     corners = stored["corners"].astype(np.float64)
-    share = (corner_weights(shape) - corner_weights(AnnyShape())) @ corners  # (R,)
-    return np.tensordot(share * stored["scales"], stored["basis"].astype(np.float64), axes=1)
+    coefficients = (corner_weights(shape) - corner_weights(AnnyShape())) @ corners  # (R,)
+    return np.tensordot(coefficients * stored["scales"], stored["basis"].astype(np.float64), axes=1)
 
 
 @cache

@@ -26,7 +26,7 @@ def phenotype_basis(
         to_y_up: (3, 3) rotation into this project's axes.
 
     Returns:
-        `corners` (216, R) float32: share of each component at every corner, in units of `scales` (R,) float32;
+        `corners` (216, R) float32: coefficient of each component at every corner, in units of `scales` (R,) float32;
         `basis` (R, B + heads, 3) float16, metres, each component at most 1 in size.
     """
     shapes = np.concatenate(list(_corner_shapes(model, carry, bones, to_y_up)))

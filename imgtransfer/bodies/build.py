@@ -81,8 +81,8 @@ def _skin_weights(model: Any) -> np.ndarray:
     weights = np.zeros((SKIN_VERTICES, len(BONES)))
     for column in range(model.vertex_bone_indices.shape[1]):
         bones = owner[model.vertex_bone_indices[:SKIN_VERTICES, column].numpy()]
-        share = model.vertex_bone_weights[:SKIN_VERTICES, column].double().numpy()
-        np.add.at(weights, (np.arange(SKIN_VERTICES), bones), share)
+        weight = model.vertex_bone_weights[:SKIN_VERTICES, column].double().numpy()
+        np.add.at(weights, (np.arange(SKIN_VERTICES), bones), weight)
     return weights
 
 

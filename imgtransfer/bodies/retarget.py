@@ -30,8 +30,8 @@ for _side in "LR":
             BONES[f"{_bone}.{_side}"] = _parent
             _parent = f"{_bone}.{_side}"
 
-# The shoulder blade's share of the upper arm's swing; 0 pinches raised shoulders.
-BLADE_SHARE = 0.35
+# The shoulder blade's fraction of the upper arm's swing; 0 pinches raised shoulders.
+BLADE_FRACTION = 0.35
 _SIDES = (("left", "L"), ("right", "R"))
 
 
@@ -96,7 +96,7 @@ def _arm(
     hand_twist = twist(np.swapaxes(forearm, 1, 2) @ hand, along_fore)
     turned = {
         "clavicle": collar,
-        "shoulder01": between(collar, upper_arm @ about(along_upper, -upper_twist), BLADE_SHARE),
+        "shoulder01": between(collar, upper_arm @ about(along_upper, -upper_twist), BLADE_FRACTION),
         "upperarm01": upper_arm @ about(along_upper, -upper_twist / 2),
         "upperarm02": upper_arm,
         "lowerarm01": forearm,

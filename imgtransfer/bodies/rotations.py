@@ -6,12 +6,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 
-def between(start: np.ndarray, end: np.ndarray, share: float | np.ndarray) -> np.ndarray:
-    """Spherical interpolation from `start` to `end`, (..., 3, 3) each; `share` in [0, 1], a number or (...)."""
+def between(start: np.ndarray, end: np.ndarray, fraction: float | np.ndarray) -> np.ndarray:
+    """Spherical interpolation from `start` to `end`, (..., 3, 3) each; `fraction` in [0, 1], a number or (...)."""
     first = Rotation.from_matrix(start.reshape(-1, 3, 3))
     step = (first.inv() * Rotation.from_matrix(end.reshape(-1, 3, 3))).as_rotvec()
-    share = np.broadcast_to(share, start.shape[:-2]).reshape(-1, 1)
-    return (first * Rotation.from_rotvec(share * step)).as_matrix().reshape(start.shape)
+    fraction = np.broadcast_to(fraction, start.shape[:-2]).reshape(-1, 1)
+    return (first * Rotation.from_rotvec(fraction * step)).as_matrix().reshape(start.shape)
 
 
 def about(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:

@@ -52,7 +52,7 @@ def random_shape(seed: int) -> AnnyShape:
 
 
 def corner_weights(shape: AnnyShape) -> np.ndarray:
-    """(216,) float64, share of every lattice corner in the shape; sums to 1."""
+    """(216,) float64, weight of every lattice corner in the shape; sums to 1."""
     weights = np.ones(1)
     for name, anchors in ANCHORS.items():
         hats = [np.interp(getattr(shape, name), anchors, row) for row in np.eye(len(anchors))]

@@ -123,21 +123,21 @@ class SkinnedBody(ABC):
     def weights_near(self, points: np.ndarray) -> np.ndarray:
         """(P, K) float32 blend weights for points (P, 3) near the rest mesh, such as cloth fixed to the skin."""
         distance, nearest = cKDTree(self.rest).query(points, k=_NEIGHBOURS)
-        share = 1 / np.maximum(distance, 1e-6) ** 2
-        share /= share.sum(axis=1, keepdims=True)
-        return np.einsum("pn,pnk->pk", share, self.blend_weights[nearest]).astype(np.float32)
+        weights = 1 / np.maximum(distance, 1e-6) ** 2
+        weights /= weights.sum(axis=1, keepdims=True)
+        return np.einsum("pn,pnk->pk", weights, self.blend_weights[nearest]).astype(np.float32)
 
-    def interpolate(self, start: BonePoses, end: BonePoses, share: float | np.ndarray) -> BonePoses:
+    def interpolate(self, start: BonePoses, end: BonePoses, fraction: float | np.ndarray) -> BonePoses:
         """Between two stacks of T frames, by spherical interpolation of each bone's rotation against its parent.
 
         Args:
-            share: from 0, the start, to 1, the end; a number or (T, 1).
+            fraction: from 0, the start, to 1, the end; a number or (T, 1).
         """
-        turned = between(self._local(start.rotations), self._local(end.rotations), share)
+        turned = between(self._local(start.rotations), self._local(end.rotations), fraction)
         for bone, parent in enumerate(self.bone_parents):
             if parent >= 0:
                 turned[:, bone] = turned[:, parent] @ turned[:, bone]
-        return BonePoses(turned, (1 - share) * start.root + share * end.root)
+        return BonePoses(turned, (1 - fraction) * start.root + fraction * end.root)
 
     def _local(self, rotations: np.ndarray) -> np.ndarray:
         """(T, K, 3, 3) rotations against the parent bone's."""

@@ -93,14 +93,14 @@ def load_smpl(path: str | Path, *, betas: Sequence[float] = (), gender: str = "n
     from imgtransfer.importers.smpl import find_smpl, smpl_body  # noqa: PLC0415 (importers use bodies)
 
     try:
-        found = find_smpl(Path(path), gender, needed_by="body")
+        file = find_smpl(Path(path), gender, needed_by="body")
     except InputError as error:
         raise InputError(f"body: no SMPL model of a {gender} body at {path}; {GET}") from error
-    model = smpl_body(found)
+    model = smpl_body(file)
     shape = np.array(betas, np.float64)
     if len(shape) > model.shapedirs.shape[2] or not np.isfinite(shape).all():
         raise InputError(
-            f"betas {list(betas)}: at most {model.shapedirs.shape[2]} finite numbers are wanted for {found}"
+            f"betas {list(betas)}: at most {model.shapedirs.shape[2]} finite numbers are wanted for {file}"
         )
     rest = model.rest(shape)
     return SmplBody(

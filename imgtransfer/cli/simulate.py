@@ -13,7 +13,7 @@ from render import InputError
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.simulation.config import SimulateConfig
 
-_OF_GARMENT = ("garment", "held", "anyway", "garment_up", "garment_facing", "garment_unit")
+_OF_GARMENT = ("garment", "pinned", "anyway", "garment_up", "garment_facing", "garment_unit")
 _OF_AXES = ("up", "facing", "unit", "scale")
 _OF_SEQUENCES = ("body_rest", "fps")
 _DECIDED = {  # by options, in place of the configuration
@@ -63,7 +63,7 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--garment", metavar="NAME", help="its name in the data set; default the file's")
     group.add_argument(
-        "--held", action="store_true", help="its topmost opening is a waistband, which stays on the skin"
+        "--pinned", action="store_true", help="its topmost opening is a waistband, which stays on the skin"
     )
     group.add_argument(
         "--weld", action="store_true", help="join split seams; outputs still have the file's vertices and UVs"
@@ -136,7 +136,7 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
             facing=of_garment.facing,
             scale=of_garment.scale,
             weld=args.weld,
-            held=args.held,
+            pinned=args.pinned,
             anyway=args.anyway,
             name=args.garment,
         )

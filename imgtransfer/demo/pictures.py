@@ -30,7 +30,7 @@ def overview(cases: Sequence[Case]) -> Picture:
     """The frame farthest from the template, from inputs to result: template, posed body, its maps, the predicted
     maps, the fused garment. Everything in the canonical frame.
     """
-    case, frame = max(((case, *_farthest(case)) for case in cases), key=lambda found: found[2])[:2]
+    case, frame = max(((case, *_farthest(case)) for case in cases), key=lambda candidate: candidate[2])[:2]
     clip, deformation = case.truth, case.maps[PRETRAINED]
     prediction = deformation.prediction
     imager = prediction.imager

@@ -22,7 +22,7 @@ from render.files.atomic import written_whole
 
 LONG_MINUTES = 15.0  # from here on a shorter training is offered
 _WARM_UP, _TIMED = 2, 4  # steps
-_RESERVE = 0.8  # share of the time for steps; the rest is for validations
+_RESERVE = 0.8  # fraction of the time for steps; the rest is for validations
 
 
 @dataclass(frozen=True)

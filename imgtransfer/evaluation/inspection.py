@@ -120,8 +120,8 @@ def _strain(clip: Clip) -> np.ndarray:
     rest = lengths(clip.template_vertices)
     rows = []
     for start in range(0, clip.n_frames, _BLOCK):
-        found = lengths(clip.garment_vertices[start : start + _BLOCK])[..., rest > 0]
-        rows.append(np.percentile(np.abs(found / rest[rest > 0] - 1), (50, 99, 100), axis=-1).T)
+        stretched = lengths(clip.garment_vertices[start : start + _BLOCK])[..., rest > 0]
+        rows.append(np.percentile(np.abs(stretched / rest[rest > 0] - 1), (50, 99, 100), axis=-1).T)
     return np.concatenate(rows) if rest.any() else np.zeros((clip.n_frames, 3))
 
 
@@ -164,83 +164,83 @@ def _jitter(garment: np.ndarray, body_speed: np.ndarray) -> tuple[float | None, 
 
 
 def _strain_findings(strain: np.ndarray) -> list[ClipFinding]:
-    found = []
+    findings = []
     worst = int(strain[:, 1].argmax())
     if strain[worst, 1] > STRETCHED:
         text = f"1 % of the edges are stretched or pressed by more than {100 * strain[worst, 1]:.0f} %"
-        found.append(ClipFinding(f"{text} in frame {worst}", worst))
+        findings.append(ClipFinding(f"{text} in frame {worst}", worst))
     worst = int(strain[:, 2].argmax())
     if strain[worst, 2] > OVERSTRETCHED:
-        found.append(
+        findings.append(
             ClipFinding(f"an edge is {1 + strain[worst, 2]:.1f} times as long in frame {worst}", worst)
         )
-    return found
+    return findings
 
 
 def _distance_findings(
     frames: np.ndarray, inside: np.ndarray, farthest: np.ndarray, slid: np.ndarray
 ) -> list[ClipFinding]:
-    found = []
+    findings = []
     worst = int(slid.argmax())
     if slid[worst] > SLID:
         text = f"the garment has slid: half of it by more than {slid[worst]:.2f} m in frame {frames[worst]}"
-        found.append(ClipFinding(text, int(frames[worst])))
+        findings.append(ClipFinding(text, int(frames[worst])))
     worst = int(inside.argmax())
     if inside[worst] > INSIDE_PERCENT:
         text = f"{inside[worst]:.1f} % of the vertices are inside the body in frame {frames[worst]}"
-        found.append(ClipFinding(text, int(frames[worst])))
+        findings.append(ClipFinding(text, int(frames[worst])))
     worst = int(farthest.argmax())
     if farthest[worst] > FAR:
         text = f"the garment reaches {farthest[worst]:.2f} m from the body in frame {frames[worst]}"
-        found.append(ClipFinding(f"{text}: it may have slipped off", int(frames[worst])))
-    return found
+        findings.append(ClipFinding(f"{text}: it may have slipped off", int(frames[worst])))
+    return findings
 
 
 def _speed_findings(garment: np.ndarray, body: np.ndarray) -> list[ClipFinding]:
-    found: list[ClipFinding] = []
+    findings: list[ClipFinding] = []
     if len(garment) == 0:
-        return found
+        return findings
     over = garment - body
     worst = int(over.argmax())
     if over[worst] > FASTER_THAN_BODY:
         text = f"a vertex is {over[worst]:.1f} m/s faster than the body before frame {worst + 1}"
-        found.append(ClipFinding(text, worst + 1))
+        findings.append(ClipFinding(text, worst + 1))
     around = np.array([np.median(garment[max(0, t - 3) : t + 4]) for t in range(len(garment))])
     spikes = (garment > SPIKE * around) & (garment > np.maximum(around, body) + SPIKE_SPEED)
     if spikes.any():
         first = int(spikes.argmax())
         text = f"{int(spikes.sum())} sudden jumps of the garment, the first before frame {first + 1}"
-        found.append(ClipFinding(text, first + 1))
+        findings.append(ClipFinding(text, first + 1))
     worst = int(body.argmax())
     if body[worst] > BODY_SPEED:
         text = f"the body moves at {body[worst]:.0f} m/s before frame {worst + 1}: a fault of the motion"
-        found.append(ClipFinding(text, worst + 1))
-    return found
+        findings.append(ClipFinding(text, worst + 1))
+    return findings
 
 
 def _template_findings(clip: Clip) -> list[ClipFinding]:
     """What is wrong with the meshes in the rest pose."""
-    found = []
+    findings = []
     template, faces = clip.template_vertices, clip.garment_faces
     heights = [float(np.ptp(points[:, 1])) for points in (template, clip.body_rest)]
     ratio = heights[0] / heights[1] if heights[1] else np.inf
     if not SIZE_RATIO[0] < ratio < SIZE_RATIO[1]:
         text = f"the template is {heights[0]:.3g} m high, the body {heights[1]:.3g} m: other units?"
-        found.append(ClipFinding(text))
+        findings.append(ClipFinding(text))
     distance = _signed(BodySdf(clip.body_faces, len(clip.body_rest)), clip.body_rest, template)
     inside = 100 * float((distance < 0).mean())
     if inside > TEMPLATE_INSIDE_PERCENT:
-        found.append(ClipFinding(f"{inside:.1f} % of the template's vertices are inside the resting body"))
+        findings.append(ClipFinding(f"{inside:.1f} % of the template's vertices are inside the resting body"))
     away = float(np.median(np.abs(distance)))
     if away > TEMPLATE_NEAR:
         text = f"the template is {away:.2f} m from the resting body: not in the same place?"
-        found.append(ClipFinding(text))
+        findings.append(ClipFinding(text))
     unused = len(template) - len(np.unique(faces))
     if unused:
-        found.append(ClipFinding(f"{unused} of the template's vertices belong to no face"))
+        findings.append(ClipFinding(f"{unused} of the template's vertices belong to no face"))
     twice = len(template) - len(np.unique(template, axis=0))
     if twice:
-        found.append(
+        findings.append(
             ClipFinding(f"{twice} of the template's vertices stand where another does: unwelded seams?")
         )
-    return found
+    return findings

@@ -38,7 +38,7 @@ def evaluate_clip(
         rms_mm: the root of the mean squared distance.
         hausdorff_mm: mean over frames of the two-sided Hausdorff distance between the vertex sets.
         sted: spatio-temporal edge difference, see `imgtransfer.evaluation.sted`; no unit.
-        penetration_percent: share of garment vertices with negative distance to the body.
+        penetration_percent: fraction of garment vertices with negative distance to the body.
 
     Raises:
         InputError: shapes that differ.
@@ -72,8 +72,8 @@ def penetration_percent(vertices: np.ndarray, body_vertices: np.ndarray, body_fa
     inside = 0
     for points, pose in zip(vertices, body_vertices, strict=True):
         body.update(pose)
-        found = body.query(torch.from_numpy(np.ascontiguousarray(points, np.float32)))
-        inside += int((found.distance < 0).sum())
+        nearest = body.query(torch.from_numpy(np.ascontiguousarray(points, np.float32)))
+        inside += int((nearest.distance < 0).sum())
     return 100.0 * inside / (vertices.shape[0] * vertices.shape[1])
 
 

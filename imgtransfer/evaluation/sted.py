@@ -73,8 +73,8 @@ def sted_temporal(
     if len(truth) < 2:
         return 0.0
     diagonal = np.linalg.norm(np.ptp(truth.astype(np.float64), axis=1), axis=-1).mean()
-    wanted, found = (_temporal_lengths(points, diagonal, frame_step) for points in (truth, predicted))
-    return float((np.abs(found - wanted) / _moving_mean(wanted, window)).mean())
+    true, other = (_temporal_lengths(points, diagonal, frame_step) for points in (truth, predicted))
+    return float((np.abs(other - true) / _moving_mean(true, window)).mean())
 
 
 def _edge_lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -91,8 +91,8 @@ def _temporal_lengths(points: np.ndarray, diagonal: float, frame_step: float) ->
 def _moving_mean(values: np.ndarray, window: int) -> np.ndarray:
     """Centred mean along the first axis over `window` entries, fewer at the ends."""
     total = uniform_filter1d(values, window, axis=0, mode="constant")
-    share = uniform_filter1d(np.ones(len(values)), window, mode="constant")
-    return total / share[:, None]
+    inside = uniform_filter1d(np.ones(len(values)), window, mode="constant")
+    return total / inside[:, None]
 
 
 def _edges_near_vertices(edges: np.ndarray, n_vertices: int, distance: int) -> sparse.csr_matrix:

@@ -22,7 +22,7 @@ class ClipSummary:
         garment_vertices, garment_faces, body_vertices, body_faces: sizes of the meshes.
         strain: median and 99th percentile of |l / l₀ − 1| over edges of the garment, l₀ being the template's,
             per cent; None without a garment.
-        penetration: share of garment vertices inside the body, per cent; None without a garment.
+        penetration: fraction of garment vertices inside the body, per cent; None without a garment.
         sampled: frames that the last two were measured on, spread evenly.
     """
 

@@ -132,7 +132,7 @@ class TemplateConfig(MeshFile):
 
     kind: Literal["template"] = "template"
     path: Path
-    held: bool = False  # whether the topmost opening is a waistband, which stays where it is on the skin
+    pinned: bool = False  # whether the topmost opening is a waistband, which stays where it is on the skin
     anyway: bool = False  # take it although the checks of the mesh found something
     name: str | None = Field(None, pattern=NAME)  # of the garment in data sets; from the file's name if None
 

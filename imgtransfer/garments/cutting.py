@@ -21,11 +21,12 @@ def cut_at_zero(mesh: Mesh, values: np.ndarray) -> Mesh:
     """
     vertices, values = mesh.vertices.copy(), values.astype(np.float64).copy()
     start, end = mesh.edges[values[mesh.edges[:, 0]] * values[mesh.edges[:, 1]] < 0].T
-    share = values[start] / (values[start] - values[end])
-    crossing = mesh.vertices[start] + share[:, None] * (mesh.vertices[end] - mesh.vertices[start])
-    mover = np.where(share < 0.5, start, end)
-    way = np.minimum(share, 1 - share)
-    for edge in np.argsort(-way):  # where edges of one vertex disagree, the shortest move is written last
+    fraction = values[start] / (values[start] - values[end])
+    crossing = mesh.vertices[start] + fraction[:, None] * (mesh.vertices[end] - mesh.vertices[start])
+    mover = np.where(fraction < 0.5, start, end)
+    distance = np.minimum(fraction, 1 - fraction)
+    # Where edges of one vertex disagree, the shortest move is written last.
+    for edge in np.argsort(-distance):
         vertices[mover[edge]] = crossing[edge]
     values[mover] = 0.0
     corners = values[mesh.faces]

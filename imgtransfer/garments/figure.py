@@ -42,12 +42,12 @@ class Figure:
         """(3,) a joint by its name in SMPL."""
         return self.joints[INDEX[name]]
 
-    def leg_height(self, share: float) -> float:
-        """Height at a share of the way from the hip joints (0) to the ankles (1), metres."""
+    def leg_height(self, fraction: float) -> float:
+        """Height at a fraction of the distance from the hip joints (0) to the ankles (1), metres."""
         hip, ankle = (
             np.mean([self.joint(f"{side}_{name}")[1] for side in _SIDES]) for name in ("hip", "ankle")
         )
-        return float(hip + share * (ankle - hip))
+        return float(hip + fraction * (ankle - hip))
 
     def arm(self, side: str) -> np.ndarray:
         """(4, 3) shoulder, elbow, wrist and a point past the fingertips."""
@@ -55,28 +55,28 @@ class Figure:
         along = (wrist - elbow) / np.linalg.norm(wrist - elbow)
         return np.stack([shoulder, elbow, wrist, wrist + _HAND * along])
 
-    def sleeve_end(self, side: str, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """(3,) the point at a share of the way from shoulder (0) to wrist (1), and the arm's unit direction there."""
+    def sleeve_end(self, side: str, fraction: float) -> tuple[np.ndarray, np.ndarray]:
+        """(3,) the point at a fraction of the arm, shoulder (0) to wrist (1), and the arm's unit direction there."""
         arm = self.arm(side)
         lengths = np.linalg.norm(np.diff(arm[:3], axis=0), axis=1)
-        rest = share * lengths.sum()
+        rest = fraction * lengths.sum()
         segment = int(rest > lengths[0])
         along = (arm[segment + 1] - arm[segment]) / lengths[segment]
         return arm[segment] + (rest - segment * lengths[0]) * along, along
 
-    def shortened_arms(self, share: float) -> np.ndarray:
-        """(B, 3) vertices with the arms flattened onto their section at a share of the way from shoulder to wrist.
+    def shortened_arms(self, fraction: float) -> np.ndarray:
+        """(B, 3) vertices with the arms flattened onto their section at a fraction of the arm, shoulder to wrist.
 
         The surface stays closed, and what hangs beside the hips is gone.
         """
         vertices = self.vertices.copy()
         for side in _SIDES:
-            end, along = self.sleeve_end(side, share)
+            end, along = self.sleeve_end(side, fraction)
             arm = self.arm(side)
             lengths = np.linalg.norm(np.diff(arm, axis=0), axis=1)
             position, offset, _ = along_chain(arm, self.vertices)
             beyond = self._on_arm & (np.sign(vertices[:, 0] - self.joint("pelvis")[0]) == np.sign(along[0]))
-            beyond &= position > share * lengths[:2].sum()
+            beyond &= position > fraction * lengths[:2].sum()
             flat = offset[beyond] - (offset[beyond] @ along)[:, None] * along
             wide = np.linalg.norm(flat, axis=1, keepdims=True)
             vertices[beyond] = end + flat * np.minimum(1, ARM_RADIUS / np.maximum(wide, 1e-9))

@@ -27,8 +27,7 @@ from imgtransfer.garments.refit import refitted
 from imgtransfer.garments.upper import upper_field, upper_garment
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.findings import Say
-from imgtransfer.importers.checks.template import as_setting
-from imgtransfer.importers.checks.template import load_template as place_template
+from imgtransfer.importers.checks.template import as_setting, load_template
 from render import InputError
 from render.mesh.mesh import Mesh
 from render.threads import one_blas_thread
@@ -51,14 +50,14 @@ class Garment:
         name: what data sets call it.
         mesh: where it starts, in the body's rest frame, metres, outside the body.
         openings: the vertices around each opening, by name.
-        held: (H,) int64, vertices of a waistband, which stay where they are on the skin; without them trousers and
+        pinned: (H,) int64, vertices of a waistband, which stay where they are on the skin; without them trousers and
             skirts would slide down, as cloth without a belt does.
     """
 
     name: str
     mesh: Mesh
     openings: dict[str, np.ndarray]
-    held: np.ndarray
+    pinned: np.ndarray
 
 
 @one_blas_thread()
@@ -79,7 +78,7 @@ def make_garment(
     """
     config = config or TShirtConfig()
     if isinstance(config, TemplateConfig):
-        return load_template(resting(body), config)[0]
+        return template_garment(resting(body), config)[0]
     figure = Figure.of(body)
     maker = figure if like is None else Figure.of(like)
     mesh = _surface(maker, config)
@@ -122,7 +121,7 @@ def _field(figure: Figure, config: MadeConfig) -> Field:
     return lower_field(figure, config)
 
 
-def load_template(
+def template_garment(
     body: Mesh, config: TemplateConfig, *, body_axes: Axes | None = None, say: Say = as_setting
 ) -> tuple[Garment, list[str]]:
     """The user's mesh, in our axes and units, welded if asked for, checked against the body that shall wear it.
@@ -139,7 +138,7 @@ def load_template(
         InputError: no such file, no usable mesh, or a fault that the import of meshes would stop at, such as other
             units or axes than the body's, or a start deep inside the body.
     """
-    mesh, notes = place_template(
+    mesh, notes = load_template(
         config.path,
         body,
         axes=config.axes,
@@ -149,33 +148,33 @@ def load_template(
         say=say,
     )
     loops = {f"opening {number}": loop for number, loop in enumerate(border_loops(mesh.faces), 1)}
-    held = _NONE
-    if config.held:
+    pinned = _NONE
+    if config.pinned:
         if not loops:
             raise InputError(
-                f"{config.path}: the mesh has no opening that could be a waistband; leave out {say('held', '')}"
+                f"{config.path}: the mesh has no opening that could be a waistband; leave out {say('pinned', '')}"
             )
-        held = np.sort(max(loops.values(), key=lambda loop: mesh.vertices[loop, 1].mean()))
-    return Garment(config.title, mesh, loops, held), notes
+        pinned = np.sort(max(loops.values(), key=lambda loop: mesh.vertices[loop, 1].mean()))
+    return Garment(config.title, mesh, loops, pinned), notes
 
 
 def _check(mesh: Mesh, figure: Figure, config: MadeConfig) -> None:
     """Raise InputError unless the surface is what a garment of its kind must be."""
     wanted = OPENINGS[config.kind]
     quality = mesh_quality(mesh)
-    found = None
+    result = None
     if quality.non_manifold or quality.handles or quality.openings != len(wanted):
-        found = f"a surface with {quality.openings} openings and {quality.handles} handles"
+        result = f"a surface with {quality.openings} openings and {quality.handles} handles"
     elif quality.intersecting or quality.duplicates:
-        found = (
+        result = (
             f"{max(quality.intersecting, quality.duplicates)} faces that pass through others or touch them"
         )
     elif (clearance := _distance(mesh.vertices, figure.vertices, figure.faces).min()) < CLEARANCE:
-        found = f"cloth that starts {1000 * clearance:.1f} mm from the body ({1000 * CLEARANCE:.0f} mm are needed)"
-    if found:
+        result = f"cloth that starts {1000 * clearance:.1f} mm from the body ({1000 * CLEARANCE:.0f} mm are needed)"
+    if result:
         sizes = config.model_dump(exclude={"kind"}, exclude_defaults=True) or "by default"
         raise InputError(
-            f"{config.kind}: the sizes {sizes} give {found}, where one piece with {', '.join(wanted)} is wanted on "
+            f"{config.kind}: the sizes {sizes} give {result}, where one piece with {', '.join(wanted)} is wanted on "
             "this body; use a smaller edge_length, less ease or flare, or lengths nearer to the defaults"
         )
 
@@ -190,10 +189,10 @@ def _named(mesh: Mesh, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     """The border loops by name: the first at the top, a left one farthest along +x, and so on."""
     loops = border_loops(mesh.faces)
     centres = {number: mesh.vertices[loop].mean(axis=0) for number, loop in enumerate(loops)}
-    found = {}
+    named = {}
     for name in names:
         axis, sign = {"left": (0, 1), "righ": (0, -1), "hem": (1, -1)}.get(name[:4], (1, 1))
         number = max(centres, key=lambda n: sign * centres[n][axis])
         del centres[number]
-        found[name] = loops[number]
-    return found
+        named[name] = loops[number]
+    return named

@@ -50,19 +50,19 @@ def meet(points: wp.array(dtype=wp.vec3d), faces: wp.array2d(dtype=wp.int32), on
     a = corner(points, faces, other, theirs)
     b = corner(points, faces, other, theirs + 1)
     c = corner(points, faces, other, theirs + 2)
-    found = bool(False)
+    intersect = bool(False)
     if shared < 2:
         # Of two triangles that meet, a side of one passes through the other. (`wp.intersect_tri_tri` of Warp 1.19 also
         # reports nearly coplanar triangles that lie apart.) With a shared corner only the sides opposite it can.
-        found = crosses(q, r, a, b, c) or crosses(b, c, p, q, r)
-    if shared == 0 and not found:
-        found = (
+        intersect = crosses(q, r, a, b, c) or crosses(b, c, p, q, r)
+    if shared == 0 and not intersect:
+        intersect = (
             crosses(p, q, a, b, c)
             or crosses(r, p, a, b, c)
             or crosses(a, b, p, q, r)
             or crosses(c, a, p, q, r)
         )
-    return found
+    return intersect
 
 
 @wp.kernel
@@ -79,10 +79,10 @@ def intersecting_faces(
     r = wp.vec3(corner(points, faces, face, 2))
     wide = wp.vec3(WIDER, WIDER, WIDER)
     query = wp.mesh_query_aabb(mesh, wp.min(p, wp.min(q, r)) - wide, wp.max(p, wp.max(q, r)) + wide)
-    found = int(-1)
+    first = int(-1)
     other = int(0)
     while wp.mesh_query_aabb_next(query, other):
-        if other != face and (found < 0 or other < found):
+        if other != face and (first < 0 or other < first):
             if meet(points, faces, face, other):
-                found = other
-    partner[face] = found
+                first = other
+    partner[face] = first

@@ -37,19 +37,19 @@ def along_chain(chain: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.n
     """Points (N, 3) seen from a chain (J, 3) of joints.
 
     Returns:
-        (N,) way along the chain to the nearest point on it, (N, 3) offset from there, (N,) distance.
+        (N,) distance along the chain to the nearest point on it, (N, 3) offset from there, (N,) distance.
     """
     start = 0.0
     best = (np.zeros(len(points)), np.zeros_like(points), np.full(len(points), np.inf))
     for first, last in pairwise(chain):
         length = float(np.linalg.norm(last - first))
         along = (last - first) / max(length, 1e-9)
-        way = np.clip((points - first) @ along, 0, length)
-        offset = points - first - way[:, None] * along
+        position = np.clip((points - first) @ along, 0, length)
+        offset = points - first - position[:, None] * along
         distance = np.linalg.norm(offset, axis=1)
         nearer = distance < best[2]
         best = (
-            np.where(nearer, start + way, best[0]),
+            np.where(nearer, start + position, best[0]),
             np.where(nearer[:, None], offset, best[1]),
             np.where(nearer, distance, best[2]),
         )

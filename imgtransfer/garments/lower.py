@@ -14,7 +14,7 @@ from render.mesh.mesh import Mesh
 
 _SKIRT_CELL, _TROUSERS_CELL = 0.01, 0.007  # metres, of the grid
 _BAND = 0.10  # metres below the waistband, where the full ease is reached
-_ARM = 0.12  # share of the arms that is left to the body
+_ARM = 0.12  # fraction of the arms that is left to the body
 _LEG_GAP = 0.02  # metres between the trouser legs' inner sides, of which smoothing leaves half
 
 
@@ -46,9 +46,9 @@ def _grid(figure: Figure, config: SkirtConfig | TrousersConfig, widest: float, c
 
 
 def _band_ease(config: SkirtConfig | TrousersConfig, below: np.ndarray) -> np.ndarray:
-    """(Y,) distance to the body by the way below the waistband, metres: from snug to the full ease."""
-    share = np.clip(below / _BAND, 0, 1)
-    return config.waist_ease + (config.ease - config.waist_ease) * share * share * (3 - 2 * share)
+    """(Y,) distance to the body by the depth below the waistband, metres: from snug to the full ease."""
+    fraction = np.clip(below / _BAND, 0, 1)
+    return config.waist_ease + (config.ease - config.waist_ease) * fraction * fraction * (3 - 2 * fraction)
 
 
 def _skirt(figure: Figure, config: SkirtConfig) -> Field:
@@ -91,5 +91,5 @@ def _leg_difference(figure: Figure, points: np.ndarray) -> np.ndarray:
 
 
 def _to_segment(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    way = np.clip((points - start) @ (end - start) / ((end - start) ** 2).sum(), 0, 1)
-    return np.linalg.norm(points - start - way[..., None] * (end - start), axis=-1)
+    fraction = np.clip((points - start) @ (end - start) / ((end - start) ** 2).sum(), 0, 1)
+    return np.linalg.norm(points - start - fraction[..., None] * (end - start), axis=-1)

@@ -14,9 +14,9 @@ from imgtransfer.garments.figure import Figure
 from imgtransfer.garments.finish import relaxed
 from render.mesh.mesh import Mesh
 
-_NEIGHBOURS = 32  # of the skin's vertices, whose way from shape to shape a vertex of cloth follows
+_NEIGHBOURS = 32  # of the skin's vertices, whose displacement from shape to shape a vertex of cloth follows
 _NEAR = 0.05  # metres; neighbours count by a Gaussian of this width beyond the nearest one
-_SMOOTHINGS = 60  # of the way, over the garment
+_SMOOTHINGS = 60  # of the displacement, over the garment
 
 
 def refitted(
@@ -35,16 +35,16 @@ def refitted(
         A mesh with the faces of `mesh`.
     """
     distance, nearest = cKDTree(start.vertices).query(mesh.vertices, k=_NEIGHBOURS)
-    share = np.exp(-(((distance - distance[:, :1]) / _NEAR) ** 2))
-    share /= share.sum(axis=1, keepdims=True)
-    way = np.einsum("nk,nkx->nx", share, (end.vertices - start.vertices)[nearest])
+    weights = np.exp(-(((distance - distance[:, :1]) / _NEAR) ** 2))
+    weights /= weights.sum(axis=1, keepdims=True)
+    displacement = np.einsum("nk,nkx->nx", weights, (end.vertices - start.vertices)[nearest])
     n = len(mesh.vertices)
     pairs = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
     mean = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n)).tocsr()
     mean = mean.multiply(1 / mean.sum(axis=1)).tocsr()
     for _ in range(_SMOOTHINGS):
-        way = 0.5 * (way + mean @ way)
-    vertices = mesh.vertices + way
+        displacement = 0.5 * (displacement + mean @ displacement)
+    vertices = mesh.vertices + displacement
     vertices[:, 1] += _lift(vertices[:, 1], mean, borders)
     vertices = relaxed(Mesh(vertices, mesh.faces), field)
     vertices[:, 1] += _lift(vertices[:, 1], mean, borders)  # the field's slope moved borders a little

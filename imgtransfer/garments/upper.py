@@ -11,10 +11,10 @@ from imgtransfer.garments.finish import Cut, cut_surface
 from render.mesh.mesh import Mesh
 
 _CELL = 0.01  # metres, of the grid
-_PAST_SLEEVE = 0.08  # share of the arm that is kept behind the sleeve's end
+_PAST_SLEEVE = 0.08  # fraction of the arm that is kept behind the sleeve's end
 _NECK_AXIS = np.array([0.0, 0.93, 0.37])  # the neckline is lower in front
 _CHEST = 0.1  # metres below the shoulder joints, where a T-shirt begins to flare
-_ON_SHOULDERS, _NEAREST = 0.45, 0.35  # shares of the ease: on top of the shoulders, and anywhere at least
+_ON_SHOULDERS, _NEAREST = 0.45, 0.35  # fractions of the ease: on top of the shoulders, and anywhere at least
 _BRIDGE = 0.10  # metres above the crotch, from where a T-shirt hangs straight instead of following the legs
 
 
@@ -50,9 +50,9 @@ def upper_field(figure: Figure, config: TShirtConfig | DressConfig) -> Field:
 
 
 def _shoulder_share(figure: Figure, heights: np.ndarray) -> np.ndarray:
-    """(Y,) share of the ease by height: less on top of the shoulders, where the garment's weight lies."""
-    share = np.clip((heights - figure.joint("left_shoulder")[1] + 0.02) / 0.08, 0, 1)
-    return 1 - (1 - _ON_SHOULDERS) * share * share * (3 - 2 * share)
+    """(Y,) fraction of the ease by height: less on top of the shoulders, where the garment's weight lies."""
+    fraction = np.clip((heights - figure.joint("left_shoulder")[1] + 0.02) / 0.08, 0, 1)
+    return 1 - (1 - _ON_SHOULDERS) * fraction * fraction * (3 - 2 * fraction)
 
 
 def _cuts(figure: Figure, config: TShirtConfig | DressConfig) -> list[Cut]:

@@ -1,4 +1,4 @@
-"""Reader of BVH files, by bvhio, and their skeletons' way onto the 22 SMPL joints."""
+"""Reader of BVH files, by bvhio, and how their skeletons fit onto the 22 SMPL joints."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def load_bvh(path: str | Path, *, fps: float = 30.0) -> Motion:
     """Read a motion, put it on SMPL's joints and resample it.
 
     Joints are found by their names, as CMU, Mixamo and SMPL skeletons call them. The skeleton may rest in any pose,
-    with any axis up: which way it stands and faces is taken from its own hips and spine at rest. Its size does not
+    with any axis up: how it stands and faces is taken from its own hips and spine at rest. Its size does not
     matter either; it is scaled to legs of 0.8 m.
 
     Raises:
@@ -34,17 +34,17 @@ def load_bvh(path: str | Path, *, fps: float = 30.0) -> Motion:
     """
     path = Path(path)
     skeleton = _read(path)
-    found = named_joints(skeleton.names, skeleton.parents, str(path))
-    own = _own_axes(skeleton, found, path)
+    joints = named_joints(skeleton.names, skeleton.parents, str(path))
+    own = _own_axes(skeleton, joints, path)
     rotations = own @ skeleton.rotations() @ own.T
     rest = skeleton.rest @ own.T
     poses = np.empty((len(rotations), len(JOINTS), 3, 3))
     for joint, name in enumerate(JOINTS):
-        if name not in found:  # a joint that the skeleton lacks does not bend
+        if name not in joints:  # a joint that the skeleton lacks does not bend
             poses[:, joint] = poses[:, PARENTS[joint]]
             continue
-        poses[:, joint] = rotations[:, found[name]] @ _correction(name, found, rest)
-    leg = _leg_length(rest, found)
+        poses[:, joint] = rotations[:, joints[name]] @ _correction(name, joints, rest)
+    leg = _leg_length(rest, joints)
     if not leg > 0:
         raise InputError(
             f"{path}: the skeleton's legs have no length; its hips, knees and ankles are at one point"
@@ -119,11 +119,11 @@ def _read(path: Path) -> _Skeleton:
     )
 
 
-def _own_axes(skeleton: _Skeleton, found: dict[str, int], path: Path) -> np.ndarray:
+def _own_axes(skeleton: _Skeleton, joints: dict[str, int], path: Path) -> np.ndarray:
     """(3, 3) rotation from the file's axes to ours (x to the body's left, y up), each of them one of the file's."""
     rest = skeleton.rest
-    across = rest[found["left_hip"]] - rest[found["right_hip"]]
-    above = rest[found["spine3"]] - (rest[found["left_hip"]] + rest[found["right_hip"]]) / 2
+    across = rest[joints["left_hip"]] - rest[joints["right_hip"]]
+    above = rest[joints["spine3"]] - (rest[joints["left_hip"]] + rest[joints["right_hip"]]) / 2
     left, up = (np.sign(v[i]) * np.eye(3)[i] for v in (across, above) for i in [np.abs(v).argmax()])
     if abs(left @ up) > 0 or not across.any() or not above.any():
         raise InputError(
@@ -133,13 +133,15 @@ def _own_axes(skeleton: _Skeleton, found: dict[str, int], path: Path) -> np.ndar
     return np.stack([left, up, np.cross(left, up)])
 
 
-def _correction(name: str, found: dict[str, int], rest: np.ndarray) -> np.ndarray:
+def _correction(name: str, joints: dict[str, int], rest: np.ndarray) -> np.ndarray:
     """(3, 3) the shortest turn from a segment's direction in the T-pose to where the skeleton has it at rest."""
     side, _, kind = name.partition("_")
     if kind not in _SEGMENTS:
         return np.eye(3)
     segment, end = _SEGMENTS[kind]
-    start, stop = (found[f"{side}_{joint}"] for joint in (("elbow", "wrist") if end is None else (kind, end)))
+    start, stop = (
+        joints[f"{side}_{joint}"] for joint in (("elbow", "wrist") if end is None else (kind, end))
+    )
     wanted = rest[stop] - rest[start]
     given = segment_direction(segment, side)
     axis = np.cross(given, wanted)
@@ -149,7 +151,7 @@ def _correction(name: str, found: dict[str, int], rest: np.ndarray) -> np.ndarra
     return Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
 
 
-def _leg_length(rest: np.ndarray, found: dict[str, int]) -> float:
+def _leg_length(rest: np.ndarray, joints: dict[str, int]) -> float:
     """Hip to knee to ankle, mean of both sides, in the file's unit."""
-    chains = [[found[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle")] for side in ("left", "right")]
+    chains = [[joints[f"{side}_{joint}"] for joint in ("hip", "knee", "ankle")] for side in ("left", "right")]
     return float(np.mean([np.linalg.norm(np.diff(rest[chain], axis=0), axis=1).sum() for chain in chains]))

@@ -32,18 +32,18 @@ def check_bvh(path: Path) -> None:
         text = path.read_text()
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a BVH file, which would be text") from error
-    found = _MOTION.search(text)
-    if not text.lstrip().startswith("HIERARCHY") or found is None:
+    match = _MOTION.search(text)
+    if not text.lstrip().startswith("HIERARCHY") or match is None:
         raise InputError(
             f"{path}: not a whole BVH file, which has HIERARCHY, MOTION, Frames: and Frame Time: in this order"
         )
-    hierarchy = text[: found.start()]
+    hierarchy = text[: match.start()]
     _check_braces(path, hierarchy)
     for offset in _NUMBERS.findall(hierarchy):
         _numbers(path, offset, "OFFSET")
     # By the ends of lines only: other signs, at which `splitlines` also cuts, end no line for a reader of files.
-    lines = [line for line in text[found.end() :].split("\n") if line.strip()]
-    announced = int(found[1][:12])
+    lines = [line for line in text[match.end() :].split("\n") if line.strip()]
+    announced = int(match[1][:12])
     if len(lines) < announced:
         raise InputError(f"{path}: cut off, it announces {announced} frames and holds {len(lines)}")
     channels = 0

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from imgtransfer.bodies.smpl import JOINTS
 from imgtransfer.motions.motion import Motion
 
-# Degrees that a joint may turn from the T-pose, about whatever axis; the pelvis and the shoulders may turn any way.
+# Degrees that a joint may turn from the T-pose, about whatever axis; the pelvis and the shoulders may turn anyhow.
 _MOST = {
     "hip": 160.0,
     "knee": 170.0,
@@ -44,7 +44,7 @@ def motion_faults(motion: Motion, *, turning: float = TURNING, path_speed: float
     half = np.abs((quaternion[1:] * quaternion[:-1]).sum(axis=-1)).clip(0, 1)
     speed = np.degrees(2 * np.arccos(half)) * motion.fps
     scale = 1.0 if motion.leg_length is None else 0.8 / motion.leg_length
-    way = scale * np.linalg.norm(np.diff(motion.trans, axis=0), axis=1) * motion.fps
+    pelvis_speed = scale * np.linalg.norm(np.diff(motion.trans, axis=0), axis=1) * motion.fps
     faults = []
     if (angle > most).any():
         frame, joint = np.unravel_index((angle - most).argmax(), angle.shape)
@@ -58,9 +58,10 @@ def motion_faults(motion: Motion, *, turning: float = TURNING, path_speed: float
             f"{JOINTS[joint]} turns by {speed[frame, joint]:.0f}° a second at {frame / motion.fps:.2f} s, "
             f"at most {turning:.0f} are allowed"
         )
-    if (way > path_speed).any():
-        frame = int(way.argmax())
+    if (pelvis_speed > path_speed).any():
+        frame = int(pelvis_speed.argmax())
         faults.append(
-            f"the body moves at {way[frame]:.1f} m/s at {frame / motion.fps:.2f} s, at most {path_speed:g} are allowed"
+            f"the body moves at {pelvis_speed[frame]:.1f} m/s at {frame / motion.fps:.2f} s, "
+            f"at most {path_speed:g} are allowed"
         )
     return faults

@@ -253,10 +253,10 @@ def mixed(clock: Clock) -> Angles:
     """The legs of another kind of motion under random poses of the upper body."""
     base = (walk, run, squat, turn, _idle)[clock.random.integers(5)](clock)
     upper = _random_upper(clock)
-    share = clock.between(0.3, 1.0, seconds=2.0)
+    fraction = clock.between(0.3, 1.0, seconds=2.0)
     for name, values in upper.items():
-        start = base.get(name, np.full_like(share, NEUTRAL[name]))
-        base[name] = start + share * (values - start)
+        start = base.get(name, np.full_like(fraction, NEUTRAL[name]))
+        base[name] = start + fraction * (values - start)
     return base
 
 

@@ -16,7 +16,7 @@ from render import InputError
 THIGH, SHIN, ANKLE_HEIGHT = 0.40, 0.40, 0.06  # metres
 BLEND_IN = 0.6  # seconds from standing into the motion
 FASTEST_FALL = 0.8 * 9.81  # m/s²; a body that fell faster than its clothes would leave them behind
-STEP_LENGTH = 0.9  # share of the legs' swing that walking turns into way
+STEP_LENGTH = 0.9  # fraction of the legs' swing that walking turns into distance
 
 
 def make_motion(
@@ -47,11 +47,11 @@ def make_motion(
     curves = KINDS[kind](Clock(time, fps, tempo, random))
     hop = np.maximum(np.broadcast_to(curves.pop("hop", 0.0), (frames,)), 0)
     angles = within_limits(curves, frames)
-    share = np.clip(time / BLEND_IN, 0, 1)
-    share = share * share * (3 - 2 * share)
-    angles = {name: NEUTRAL[name] + share * (values - NEUTRAL[name]) for name, values in angles.items()}
+    fraction = np.clip(time / BLEND_IN, 0, 1)
+    fraction = fraction * fraction * (3 - 2 * fraction)
+    angles = {name: NEUTRAL[name] + fraction * (values - NEUTRAL[name]) for name, values in angles.items()}
     poses = poses_from_angles(angles)
-    trans = _path(poses, share * hop, fps, travels=kind in ("walk", "run", "mixed"))
+    trans = _path(poses, fraction * hop, fps, travels=kind in ("walk", "run", "mixed"))
     return Motion(poses, trans, fps, f"{kind}_s{seed}", THIGH + SHIN)
 
 

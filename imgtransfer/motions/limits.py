@@ -62,8 +62,8 @@ def poses_from_angles(angles: Mapping[str, np.ndarray]) -> np.ndarray:
         poses[:, INDEX[joint]] = turned.as_rotvec()
 
     put("pelvis", "YXZ", angles["yaw"], angles["pitch"], angles["roll"])
-    for joint, share in (("spine1", 0.4), ("spine2", 0.3), ("spine3", 0.3)):
-        put(joint, "XZY", *(share * angles[name] for name in ("bend", "side", "twist")))
+    for joint, fraction in (("spine1", 0.4), ("spine2", 0.3), ("spine3", 0.3)):
+        put(joint, "XZY", *(fraction * angles[name] for name in ("bend", "side", "twist")))
     for joint in ("neck", "head"):
         put(joint, "YX", angles["look"] / 2, angles["nod"] / 2)
     for side, sign in (("left", 1.0), ("right", -1.0)):

@@ -107,9 +107,11 @@ def arms_out(motion: Motion, degrees: float) -> Motion:
         arm = [JOINTS.index(f"{side}_{joint}") for joint in ("shoulder", "elbow", "wrist")]
         direction = rotations[:, arm[0]] @ segment_direction("upper_arm", side)
         hanging = -(direction * chest[:, :, 1]).sum(axis=1)  # cosine to the chest's downward axis
-        share = np.clip((hanging - 0.2) / 0.5, 0, 1)
-        share = share * share * (3 - 2 * share)
-        turn = Rotation.from_rotvec(np.radians(degrees) * sign * share[:, None] * chest[:, :, 2]).as_matrix()
+        fraction = np.clip((hanging - 0.2) / 0.5, 0, 1)
+        fraction = fraction * fraction * (3 - 2 * fraction)
+        turn = Rotation.from_rotvec(
+            np.radians(degrees) * sign * fraction[:, None] * chest[:, :, 2]
+        ).as_matrix()
         for joint in arm:
             rotations[:, joint] = turn @ rotations[:, joint]
     return Motion(local_poses(rotations), motion.trans, motion.fps, motion.name, motion.leg_length)

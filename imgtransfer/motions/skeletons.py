@@ -37,13 +37,13 @@ def named_joints(names: Sequence[str], parents: Sequence[int], source: str) -> d
         InputError: joints that a body needs are missing; names them, and those that there are.
     """
     plain = {_plain(name): number for number, name in reversed(list(enumerate(names)))}
-    found: dict[str, int] = {}
+    joints: dict[str, int] = {}
 
     def take(joint: str, candidates: Sequence[str]) -> None:
         for candidate in candidates:
             number = plain.get(candidate)
-            if number is not None and number not in found.values():
-                found[joint] = number
+            if number is not None and number not in joints.values():
+                joints[joint] = number
                 return
 
     for joint, candidates in _MIDDLE.items():
@@ -51,16 +51,18 @@ def named_joints(names: Sequence[str], parents: Sequence[int], source: str) -> d
     for side, letter in (("left", "l"), ("right", "r")):
         for joint, candidates in _LIMBS.items():
             take(f"{side}_{joint}", [f"{prefix}{name}" for name in candidates for prefix in (side, letter)])
-    missing = [joint for joint in [*_MIDDLE, *_both(_LIMBS)] if joint not in found and joint not in _OPTIONAL]
+    missing = [
+        joint for joint in [*_MIDDLE, *_both(_LIMBS)] if joint not in joints and joint not in _OPTIONAL
+    ]
     if not missing:
-        found |= _spine(found, parents)
-        missing = [] if "spine3" in found else ["a spine between pelvis and arms"]
+        joints |= _spine(joints, parents)
+        missing = [] if "spine3" in joints else ["a spine between pelvis and arms"]
     if missing:
         raise InputError(
             f"{source}: the skeleton has no joint for {', '.join(missing)}; it has {', '.join(names)}. Names as in "
             "CMU, Mixamo or SMPL skeletons are wanted"
         )
-    return found
+    return joints
 
 
 def _both(joints: Sequence[str] | dict[str, tuple[str, ...]]) -> list[str]:
@@ -73,17 +75,17 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]|^mixamorig|^(m|f)_avg_", "", name)
 
 
-def _spine(found: dict[str, int], parents: Sequence[int]) -> dict[str, int]:
+def _spine(joints: dict[str, int], parents: Sequence[int]) -> dict[str, int]:
     """The joints above the pelvis that both arms and the head hang from."""
 
     def above(number: int) -> list[int]:
         chain = []
-        while number >= 0 and number != found["pelvis"]:
+        while number >= 0 and number != joints["pelvis"]:
             chain.append(number)
             number = parents[number]
         return chain[::-1]
 
-    chains = [above(found[joint]) for joint in ("left_shoulder", "right_shoulder", "head")]
+    chains = [above(joints[joint]) for joint in ("left_shoulder", "right_shoulder", "head")]
     shared = [numbers[0] for numbers in zip(*chains, strict=False) if len(set(numbers)) == 1]
     if not shared:
         return {}

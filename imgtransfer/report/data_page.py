@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 import cv2
@@ -15,11 +13,10 @@ from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import ClipRef
 from imgtransfer.evaluation.inspection import Inspection, inspect_clip
-from imgtransfer.report.html import page
+from imgtransfer.report.html import data_uri, write_page
 from imgtransfer.report.pictures import CLOTH, SKIN, ShadedMesh, mesh_picture, picture_camera
 from imgtransfer.report.svg import line_plot
 from render import InputError
-from render.files.atomic import written_whole
 from render.pictures import contact_sheet
 
 MANY = 60  # clips, from which on each gets fewer and smaller pictures
@@ -43,14 +40,39 @@ class PageTask:
 
 
 @dataclass(frozen=True)
+class ClipPicture:
+    """Frames of a clip beside each other: a URI that holds the image, and what it says to who cannot see it."""
+
+    source: str
+    alt: str
+
+
+@dataclass(frozen=True)
 class ClipPart:
-    """A clip's part of the page: its row of the table, its section (HTML), and what looks wrong (plain text)."""
+    """A clip's part of the page. Texts are plain, not HTML.
+
+    Args:
+        name: the clip's name.
+        cells: of its row in the table, after the name.
+        findings: what looks wrong.
+        facts: one paragraph about the clip.
+        picture: some of its frames.
+        plots: <svg> elements.
+        unreadable: whether it could not be read; then `findings` is the reason, and the rest is empty.
+    """
 
     name: str
-    row: tuple[str, ...]
-    section: str
+    cells: tuple[str, ...]
     findings: tuple[str, ...]
+    facts: str = ""
+    picture: ClipPicture | None = None
+    plots: tuple[str, ...] = ()
     unreadable: bool = False
+
+    @property
+    def anchor(self) -> str:
+        """The section's id, which the table links to."""
+        return self.name.replace("/", "__")
 
 
 def describe_clip(task: PageTask) -> ClipPart:
@@ -60,18 +82,14 @@ def describe_clip(task: PageTask) -> ClipPart:
         clip = task.clip.load()
         measured = inspect_clip(clip)
     except InputError as error:
-        row = (task.name, split, *["-"] * (len(_HEADINGS) - 3), "unreadable")
-        return ClipPart(task.name, row, _section(task.name, [str(error)], ""), (str(error),), unreadable=True)
+        cells = (split, *["-"] * (len(_HEADINGS) - 3), "unreadable")
+        return ClipPart(task.name, cells, (str(error),), unreadable=True)
     count, size = _PICTURES_OF_MANY if task.many else _PICTURES
-    findings = [finding.text for finding in measured.findings]
+    findings = tuple(finding.text for finding in measured.findings)
     flagged = list(dict.fromkeys(f.frame for f in measured.findings if f.frame is not None))[:_FLAGGED]
-    content = _facts(clip) + _pictures(clip, count, flagged, size)
-    if len(measured.strain):
-        content += (
-            f'<div class="plots">{_strain_plot(measured, flagged)}{_speed_plot(measured, flagged)}</div>'
-        )
-    section = _section(task.name, findings, content)
-    return ClipPart(task.name, _row(clip, measured, split), section, tuple(findings))
+    plots = (_strain_plot(measured, flagged), _speed_plot(measured, flagged)) if len(measured.strain) else ()
+    picture = _picture(clip, count, flagged, size)
+    return ClipPart(task.name, _cells(clip, measured, split), findings, _facts(clip), picture, plots)
 
 
 def write_data_page(
@@ -87,37 +105,18 @@ def write_data_page(
     Returns:
         The file.
     """
-    lines = "".join(f"<p><b>{escape(key)}</b> {escape(value)}</p>" for key, value in facts.items())
-    wrong = [part for part in parts if part.findings]
-    items = "".join(
-        f'<li><a href="#{_anchor(part.name)}">{escape(part.name)}</a>: {escape("; ".join(part.findings))}</li>'
-        for part in wrong
-    )
-    found = (
-        f"<h2>To look at: {len(wrong)} of {len(parts)} clips</h2><ul>{items}</ul>"
-        if wrong
-        else f"<h2>Nothing looks wrong in {len(parts)} clips</h2>"
-    )
-    body = [
-        f"<h1>{escape(title)}</h1>",
-        f"<section>{lines}</section>" if lines else "",
-        f"<section>{found}</section>",
-        f'<section><h2>Clips</h2><div class="scroll">{_table(parts)}</div></section>',
-        *(part.section for part in parts),
-    ]
-    path = Path(path)
-    with written_whole(path) as temporary:
-        temporary.write_text(page(title, "\n".join(body)), encoding="utf-8")
-    return path
+    flagged = [part for part in parts if part.findings]
+    content = {"facts": facts, "clips": parts, "flagged": flagged, "headings": _HEADINGS}
+    return write_page(Path(path), "data_page.html", title=title, **content)
 
 
 def _facts(clip: Clip) -> str:
     facts = [f"{clip.n_frames} frames, {clip.n_frames / clip.fps:.1f} s"]
     facts += [f"{key} {value}" for key, value in clip.info.items() if key not in ("mtl", "materials")]
-    return f"<p>{escape('; '.join(facts))}</p>"
+    return "; ".join(facts)
 
 
-def _pictures(clip: Clip, count: int, flagged: Sequence[int], size: tuple[int, int]) -> str:
+def _picture(clip: Clip, count: int, flagged: Sequence[int], size: tuple[int, int]) -> ClipPicture:
     """Frames spread over the clip and those with findings, from the front, turned as the body turns."""
     spread = np.linspace(0, clip.n_frames - 1, count).round().astype(int)
     frames = sorted({*spread.tolist(), *flagged})
@@ -133,10 +132,8 @@ def _pictures(clip: Clip, count: int, flagged: Sequence[int], size: tuple[int, i
     camera = picture_camera(points, size=size)
     labels = [f"{frame} !" if frame in flagged else str(frame) for frame in frames]
     sheet = contact_sheet([[mesh_picture(shown, camera) for shown in surfaces]], column_labels=labels)
-    data = cv2.imencode(".jpg", sheet[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
-    source = base64.b64encode(data.tobytes()).decode()
-    alt = escape(f"{clip.name}, frames {', '.join(labels)}")
-    return f'<img alt="{alt}" src="data:image/jpeg;base64,{source}">'
+    source = data_uri("jpeg", sheet, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return ClipPicture(source, f"{clip.name}, frames {', '.join(labels)}")
 
 
 def _strain_plot(measured: Inspection, flagged: Sequence[int]) -> str:
@@ -154,7 +151,7 @@ def _speed_plot(measured: Inspection, flagged: Sequence[int]) -> str:
     return line_plot(lines, title="fastest vertex, m/s", x_label="s", marks=time[list(flagged)].tolist())
 
 
-def _row(clip: Clip, measured: Inspection, split: str) -> tuple[str, ...]:
+def _cells(clip: Clip, measured: Inspection, split: str) -> tuple[str, ...]:
     strain = speed = inside = "-"
     if len(measured.strain):
         strain = f"{np.median(measured.strain[:, 0]):.1f} / {measured.strain[:, 1].max():.0f}"
@@ -162,26 +159,5 @@ def _row(clip: Clip, measured: Inspection, split: str) -> tuple[str, ...]:
         inside = f"{measured.inside.max():.2f}"
     garment = f"{len(clip.template_vertices):,}"
     frames = str(clip.n_frames)
-    found = str(len(measured.findings) or "")
-    return clip.name, split, frames, f"{clip.fps:g}", garment, strain, speed, inside, found
-
-
-def _table(parts: Sequence[ClipPart]) -> str:
-    head = "".join(f"<th>{escape(heading)}</th>" for heading in _HEADINGS)
-    rows = []
-    for part in parts:
-        name, *cells = part.row
-        kind = ' class="wrong"' if part.findings else ""
-        linked = f'<td><a href="#{_anchor(name)}">{escape(name)}</a></td>'
-        rows.append(f"<tr{kind}>{linked}{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>")
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-
-
-def _section(name: str, findings: Sequence[str], content: str) -> str:
-    listed = "".join(f"<li>{escape(text)}</li>" for text in findings)
-    wrong = f'<ul class="wrong">{listed}</ul>' if listed else ""
-    return f'<section id="{_anchor(name)}"><h2>{escape(name)}</h2>{wrong}{content}</section>'
-
-
-def _anchor(name: str) -> str:
-    return escape(name.replace("/", "__"), quote=True)
+    findings = str(len(measured.findings) or "")
+    return split, frames, f"{clip.fps:g}", garment, strain, speed, inside, findings

@@ -143,10 +143,10 @@ class _Document:
         view = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(content)}
         self.binary += content + b"\0" * (-len(content) % 4)  # what follows stays aligned
         image = {"bufferView": self._append("bufferViews", view), "mimeType": mime_type(path)}
-        images, found = self.json.setdefault("images", []), self.json.setdefault("textures", [])
+        images, textures = self.json.setdefault("images", []), self.json.setdefault("textures", [])
         images.append(image)
-        found.append({"source": len(images) - 1})
-        return len(found) - 1
+        textures.append({"source": len(images) - 1})
+        return len(textures) - 1
 
     def to_bytes(self) -> bytes:
         """The GLB container: header, JSON chunk, binary chunk."""

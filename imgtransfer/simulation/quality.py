@@ -50,15 +50,15 @@ def push_out(vertices: np.ndarray, sdf: BodySdf) -> tuple[np.ndarray, np.ndarray
         The vertices, and their signed distances before and after, (N,) each.
     """
     pushed = torch.from_numpy(vertices.copy())
-    found = sdf.query(pushed)
-    before = found.distance.numpy().copy()
+    nearest = sdf.query(pushed)
+    before = nearest.distance.numpy().copy()
     for _ in range(_PUSHES):
-        inside = found.distance < CLEARANCE * 0.9
+        inside = nearest.distance < CLEARANCE * 0.9
         if not inside.any():
             break
-        pushed[inside] = found.closest[inside] + CLEARANCE * found.direction[inside]
-        found = sdf.query(pushed)
-    return pushed.numpy(), before, found.distance.numpy()
+        pushed[inside] = nearest.closest[inside] + CLEARANCE * nearest.direction[inside]
+        nearest = sdf.query(pushed)
+    return pushed.numpy(), before, nearest.distance.numpy()
 
 
 def measure(
@@ -137,7 +137,7 @@ def jitter(vertices: np.ndarray, body: np.ndarray, fps: float) -> float:
 
 
 def _areas(template: Mesh) -> np.ndarray:
-    """(N,) each vertex's share of the area, in all 1."""
+    """(N,) each vertex's fraction of the area."""
     corners = template.vertices[template.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     weights = np.zeros(len(template.vertices))
@@ -147,9 +147,9 @@ def _areas(template: Mesh) -> np.ndarray:
 
 def faults(quality: Quality, gates: GateConfig) -> list[str]:
     """What is wrong with a clip, one text a gate; empty where it may be used."""
-    found = []
+    failed = []
     for name, limit in gates.model_dump().items():
         value = getattr(quality, name)
         if not value <= limit:
-            found.append(f"{name} is {value:.3g}, at most {limit:g} allowed")
-    return found
+            failed.append(f"{name} is {value:.3g}, at most {limit:g} allowed")
+    return failed

@@ -43,41 +43,41 @@ def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tupl
         InputError: files that cannot be read, or a garment that does not fit the body.
     """
     kind = MeshBodyMotion if isinstance(motion, MeshSequence) else SkinnedBodyMotion
-    movement: BodyMotion = kind(motion, config)  # type: ignore[arg-type]
-    worn, moved = movement.worn, movement.body
-    pattern = worn.garment.mesh
-    template = round_to_grid(settled(worn, config.cloth, config.solver, config.fps))
+    body_motion: BodyMotion = kind(motion, config)  # type: ignore[arg-type]
+    dressed, moved = body_motion.dressed, body_motion.body
+    pattern = dressed.garment.mesh
+    template = round_to_grid(settled(dressed, config.cloth, config.solver, config.fps))
     for attempt in (config.solver, config.solver.finer()):
-        vertices, steps = _simulated(movement, template, config, attempt)
-        vertices, quality = _checked(worn, vertices, moved, movement.fps)
+        vertices, steps = _simulated(body_motion, template, config, attempt)
+        vertices, quality = _checked(dressed, vertices, moved, body_motion.fps)
         wrong = faults(quality, config.gates)
         if not wrong:
             break
     else:
-        raise Rejected(f"{movement.name}: rejected after two attempts: {'; '.join(wrong)}")
+        raise Rejected(f"{body_motion.name}: rejected after two attempts: {'; '.join(wrong)}")
     clip = Clip(
         template_vertices=template,
         garment_faces=pattern.faces.astype(np.int32),
         garment_vertices=vertices,
-        body_rest=round_to_grid(worn.rest),
-        body_faces=worn.faces,
+        body_rest=round_to_grid(dressed.rest),
+        body_faces=dressed.faces,
         body_vertices=moved,
-        fps=movement.fps,
-        **movement.clip_fields(),
+        fps=body_motion.fps,
+        **body_motion.clip_fields(),
         info={
-            **movement.info(),
+            **body_motion.info(),
             "licence": config.licence,
             "simulator": f"vertex block descent on Newton {version('newton')}, {steps.min()} to {steps.max()} substeps "
             f"(mean {steps.mean():.1f}), {attempt.iterations} iterations",
             "quality": quality.as_text(),
             "garment": _described(config.garment),
         },
-        name=clip_name(config, motion),
+        name=simulated_clip_name(config, motion),
     )
     return clip.with_surface(pattern.surface), quality
 
 
-def clip_name(config: SimulateConfig, motion: Motion | MeshSequence) -> str:
+def simulated_clip_name(config: SimulateConfig, motion: Motion | MeshSequence) -> str:
     """What a clip is called in its data set: garment/motion, and the body where it is not the default one."""
     body = "" if isinstance(motion, MeshSequence) else config.body.title
     return f"{config.garment.title}/{'_'.join(part for part in (motion.name, body) if part)}"
@@ -92,33 +92,33 @@ def _described(garment: GarmentConfig) -> str:
 
 
 def _simulated(
-    movement: BodyMotion, rest: np.ndarray, config: SimulateConfig, solver: SolverConfig
+    body_motion: BodyMotion, rest: np.ndarray, config: SimulateConfig, solver: SolverConfig
 ) -> tuple[np.ndarray, np.ndarray]:
     """(T, N, 3) the cloth at every frame of the clip, the first after warming up, and (T - 1,) substeps of each."""
-    worn = movement.worn
-    cloth = worn.cloth(config.cloth, solver)
-    cloth.place(rest, np.zeros_like(rest), worn.rest)
-    skin = movement.skin
+    dressed = body_motion.dressed
+    cloth = dressed.cloth(config.cloth, solver)
+    cloth.place(rest, np.zeros_like(rest), dressed.rest)
+    skin = body_motion.skin
     vertices, steps = [], []
     for number in range(1, len(skin)):
-        if number > movement.start:
+        if number > body_motion.start:
             vertices.append(cloth.vertices)
         count = step_count(skin[max(0, number - 2)], skin[number - 1], skin[number], solver)
         steps.append(count)
-        for body, held in zip(*movement.between(number, count), strict=True):
-            cloth.step(body, 1 / (movement.fps * count), held)
+        for body, pinned in zip(*body_motion.between(number, count), strict=True):
+            cloth.step(body, 1 / (body_motion.fps * count), pinned)
     vertices.append(cloth.vertices)
-    return movement.placed(np.stack(vertices)), np.array(steps[movement.start :])
+    return body_motion.placed(np.stack(vertices)), np.array(steps[body_motion.start :])
 
 
 def _checked(
-    worn: DressedBody, vertices: np.ndarray, moved: np.ndarray, fps: float
+    dressed: DressedBody, vertices: np.ndarray, moved: np.ndarray, fps: float
 ) -> tuple[np.ndarray, Quality]:
     """The vertices (T, N, 3) outside the body (T, B, 3) and on the grid, and how good they are."""
-    pattern = worn.garment.mesh
+    pattern = dressed.garment.mesh
     if not np.isfinite(vertices).all():
         return vertices, measure(pattern, vertices, moved, before=np.zeros(0), after=np.zeros(0), fps=fps)
-    sdf = BodySdf(worn.faces, len(worn.rest))
+    sdf = BodySdf(dressed.faces, len(dressed.rest))
     pushed = []
     for cloth, skin in zip(vertices, moved, strict=True):
         sdf.update(skin)

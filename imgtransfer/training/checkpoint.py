@@ -165,8 +165,8 @@ def optimizer_state(
         number: {"step": torch.Size(()), "exp_avg": parameter.shape, "exp_avg_sq": parameter.shape}
         for number, parameter in enumerate(parameters)
     }
-    found = {number: {name: value.shape for name, value in its.items()} for number, its in state.items()}
-    if bool(found) != begun or not found.items() <= wanted.items():
+    shapes = {number: {name: value.shape for name, value in its.items()} for number, its in state.items()}
+    if bool(shapes) != begun or not shapes.items() <= wanted.items():
         raise InputError(
             f"{path}: damaged, its optimiser's state does not fit the model; choose another --out for a new run"
         )
@@ -204,8 +204,8 @@ def read_tensors(path: Path, wanted: str) -> tuple[dict[str, Tensor], dict[str, 
     except (SafetensorError, OSError, ValueError, TypeError, KeyError, RuntimeError, MemoryError) as error:
         raise InputError(f"{path}: not a readable safetensors file ({said_by(error)})") from error
     header = header if isinstance(header, dict) else {}
-    found = (header.get("format"), header.get("format_version"))
-    if found[0] != wanted or found[1] not in READABLE_VERSIONS:
+    kind, version = header.get("format"), header.get("format_version")
+    if kind != wanted or version not in READABLE_VERSIONS:
         versions = " or ".join(map(str, READABLE_VERSIONS))
-        raise InputError(f"{path}: {wanted} version {versions} wanted, found {found[0]} version {found[1]}")
+        raise InputError(f"{path}: {wanted} version {versions} wanted, found {kind} version {version}")
     return tensors, header

@@ -21,7 +21,9 @@ from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.decoder import DecoderBlock
 
 NumberType = Literal["float32", "bfloat16"]
-MARGIN = 0.1  # bfloat16 must save this share of the time: chance shall not decide, and float32 is more exact
+MARGIN = (
+    0.1  # fraction of the time that bfloat16 must save: chance shall not decide, and float32 is more exact
+)
 _SECONDS, _MOST_ROUNDS = 0.5, 10
 _MOST_WORK = (
     2**22
@@ -77,10 +79,10 @@ class Precision:
         """One line for the user, a warning where what was asked for is the slower one."""
         if self.ratio is None:
             return f"number type: {self.name}, as asked for"
-        found = f"bfloat16 takes {times(self.ratio)} as long as float32 on this device"
+        measured = f"bfloat16 takes {times(self.ratio)} as long as float32 on this device"
         if self.asked and self.ratio > 1:
-            return f"warning: training.precision is {self.name}, but {found}; auto would take float32"
-        return f"number type: {self.name}{', as asked for' if self.asked else ''} ({found})"
+            return f"warning: training.precision is {self.name}, but {measured}; auto would take float32"
+        return f"number type: {self.name}{', as asked for' if self.asked else ''} ({measured})"
 
     def log_entry(self) -> dict[str, str | float]:
         """What the log of a run says about it."""

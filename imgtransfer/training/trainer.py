@@ -139,14 +139,14 @@ class Trainer:
             body, truth = self.batch(self.validation_frames, part)
             with self._autocast():
                 predicted = self.model(body)
-            found = map_errors(predicted, truth, self.model.mask, self.model.box)
+            errors = map_errors(predicted, truth, self.model.mask, self.model.box)
             if body.guess is not None:
                 guess = ImagePair.encode(
                     body.guess.positions, body.guess.normals, self.model.mask, self.model.box
                 )
-                errors = map_errors(guess, truth, self.model.mask, self.model.box)
-                found |= {f"guess_{key}": value for key, value in errors.items()}
-            for key, value in found.items():
+                of_guess = map_errors(guess, truth, self.model.mask, self.model.box)
+                errors |= {f"guess_{key}": value for key, value in of_guess.items()}
+            for key, value in errors.items():
                 sums[key] = sums.get(key, 0.0) + value * len(part) / len(index)
         return sums
 
@@ -175,10 +175,10 @@ class Trainer:
         """
         path = folder / STATE_FILE
         tensors, header = read_tensors(path, STATE_FORMAT)
-        step, found = header.get("step"), {key: header.get(key) for key in self._box()}
+        step, box = header.get("step"), {key: header.get(key) for key in self._box()}
         if not isinstance(step, int) or isinstance(step, bool) or step < 0:
             raise InputError(f"{path}: damaged, its step is {step!r}; choose another --out for a new run")
-        if found != self._box():
+        if box != self._box():
             raise InputError(
                 f"{path}: the training data have changed since; start a new run with another --out"
             )

@@ -25,17 +25,19 @@ class DressedBody:
     Args:
         rest: (B, 3) float32 the skin, metres. faces: (G, 3) int32.
         garment: where it is put on.
-        under: (M,) int64, the skin's vertices under it.
+        covered: (M,) int64, the skin's vertices that the garment covers.
     """
 
     rest: np.ndarray
     faces: np.ndarray
     garment: Garment
-    under: np.ndarray
+    covered: np.ndarray
 
     def cloth(self, config: ClothConfig, solver: SolverConfig) -> ClothOnBody:
         """The garment where it is put on, ready to be stepped."""
-        return ClothOnBody(self.garment.mesh, self.rest, self.faces, config, solver, held=self.garment.held)
+        return ClothOnBody(
+            self.garment.mesh, self.rest, self.faces, config, solver, pinned=self.garment.pinned
+        )
 
 
 class BodyMotion(ABC):
@@ -48,18 +50,19 @@ class BodyMotion(ABC):
 
     name: str
     fps: float
-    worn: DressedBody
+    dressed: DressedBody
     start: int
 
     @property
     @abstractmethod
     def skin(self) -> np.ndarray:
-        """(K, M, 3) float32, the skin under the garment at the key frames."""
+        """(K, M, 3) float32, the covered skin at the key frames."""
 
     @abstractmethod
     def between(self, number: int, substeps: int) -> tuple[np.ndarray, np.ndarray]:
-        """(S, B, 3) skin and (S, H, 3) held vertices, float32, at the ends of `substeps` even parts of the way from key
-        frame `number` - 1 to `number`.
+        """(S, B, 3) skin and (S, H, 3) pinned vertices, float32, at the ends of `substeps` even parts of a movement.
+
+        The movement is that from key frame `number` - 1 to `number`.
         """
 
     @property
@@ -80,20 +83,20 @@ class BodyMotion(ABC):
         """What a clip's `info` says of the body: its `source` and `body`."""
 
 
-def warm_up_shares(solver: SolverConfig, fps: float) -> np.ndarray:
+def warm_up_fractions(solver: SolverConfig, fps: float) -> np.ndarray:
     """(W,) from 0, the rest pose, to 1, the first frame, slow at both ends."""
-    share = np.linspace(0, 1, 1 + max(1, round(solver.warm_up_seconds * fps)))
-    return share * share * (3 - 2 * share)
+    fraction = np.linspace(0, 1, 1 + max(1, round(solver.warm_up_seconds * fps)))
+    return fraction * fraction * (3 - 2 * fraction)
 
 
 @lru_cache(maxsize=4)
-def settled(worn: DressedBody, material: ClothConfig, solver: SolverConfig, fps: float) -> np.ndarray:
+def settled(dressed: DressedBody, material: ClothConfig, solver: SolverConfig, fps: float) -> np.ndarray:
     """(N, 3) the cloth at rest on the resting body, outside it; for every clip, hence computed once a process."""
-    cloth = worn.cloth(material, solver)
+    cloth = dressed.cloth(material, solver)
     for _ in range(round(solver.settle_seconds * fps)):
         for _ in range(solver.min_substeps):
-            cloth.step(worn.rest, 1 / (fps * solver.min_substeps))
-        cloth.place(cloth.vertices, SETTLE_DAMPING * cloth.velocities, worn.rest)
-    sdf = BodySdf(worn.faces, len(worn.rest))
-    sdf.update(worn.rest)
+            cloth.step(dressed.rest, 1 / (fps * solver.min_substeps))
+        cloth.place(cloth.vertices, SETTLE_DAMPING * cloth.velocities, dressed.rest)
+    sdf = BodySdf(dressed.faces, len(dressed.rest))
+    sdf.update(dressed.rest)
     return push_out(cloth.vertices, sdf)[0]

@@ -28,7 +28,7 @@ def rigid_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 class ShapeInterpolation:
-    """The way of a mesh from one pose to another: `at` 0 it is the one, at 1 the other, exactly.
+    """A mesh between two poses: `at` 0 it is the one, at 1 the other, exactly.
 
     The whole turns about its centroid, which moves on a straight line, evenly; what is left of every triangle's
     rotation is interpolated on its own, going on from triangle to triangle, so that a forearm may turn by more than
@@ -73,18 +73,18 @@ class ShapeInterpolation:
         solved = self._raw(1.0)
         self._missing = self._ends[1] - solved  # rounding, and seams that part
 
-    def at(self, share: float) -> np.ndarray:
-        """(B, 3) float64, metres: the shape at a share of the way, from 0 to 1."""
-        return self._ends[0].copy() if share == 0 else self._raw(share) + share * self._missing
+    def at(self, fraction: float) -> np.ndarray:
+        """(B, 3) float64, metres: the shape at a fraction of the movement, from 0 to 1."""
+        return self._ends[0].copy() if fraction == 0 else self._raw(fraction) + fraction * self._missing
 
-    def _raw(self, share: float) -> np.ndarray:
-        rotations = Rotation.from_rotvec(share * self._rotvecs).as_matrix()
-        stretched = (1 - share) * self._before + share * self._after
+    def _raw(self, fraction: float) -> np.ndarray:
+        rotations = Rotation.from_rotvec(fraction * self._rotvecs).as_matrix()
+        stretched = (1 - fraction) * self._before + fraction * self._after
         edges = np.einsum("eab,eb->ea", rotations[self._face], stretched)
         right = self._incidence.T @ (self._weights[:, None] * edges)
         solved = self._factor.solve(torch.from_numpy(right[None]))[0].numpy()
-        turn = Rotation.from_rotvec(share * self._turn).as_matrix()
-        centre = (1 - share) * self._centres[0] + share * self._centres[1]
+        turn = Rotation.from_rotvec(fraction * self._turn).as_matrix()
+        centre = (1 - fraction) * self._centres[0] + fraction * self._centres[1]
         return ((solved - solved.mean(axis=0)) @ turn.T + centre)[self._of_vertex]
 
 
@@ -138,8 +138,8 @@ def _rotation_vectors(
     gradient[flat] = np.eye(3)
     left, _, right = np.linalg.svd(gradient)
     rotations = left @ right
-    found = Rotation.from_matrix(rotations).as_rotvec()
-    size = np.linalg.norm(found, axis=1)
+    rotvecs = Rotation.from_matrix(rotations).as_rotvec()
+    size = np.linalg.norm(rotvecs, axis=1)
     seed = int(np.argmin(np.where(flat, np.inf, size)))
     # From triangle to triangle where they turn most alike, and last through folds, such as armpits, that turn anyhow.
     start, end = _neighbours(triangles, links).T
@@ -152,14 +152,14 @@ def _rotation_vectors(
     depth = np.zeros(len(triangles), np.int64)
     for triangle in order[1:]:
         depth[triangle] = depth[before[triangle]] + 1
-    axis = found / np.maximum(size, 1e-12)[:, None]
+    axis = rotvecs / np.maximum(size, 1e-12)[:, None]
     by_depth = order[np.argsort(depth[order], kind="stable")]
     for ring in np.split(by_depth, np.flatnonzero(np.diff(depth[by_depth])) + 1)[1:]:
-        known = found[before[ring]]
-        branches = np.stack([found[ring] + 2 * np.pi * turns * axis[ring] for turns in (0, -1, 1)])
+        known = rotvecs[before[ring]]
+        branches = np.stack([rotvecs[ring] + 2 * np.pi * turns * axis[ring] for turns in (0, -1, 1)])
         best = np.linalg.norm(branches - known, axis=-1).argmin(axis=0)
-        found[ring] = np.where(flat[ring, None], known, branches[best, np.arange(len(ring))])
-    return found
+        rotvecs[ring] = np.where(flat[ring, None], known, branches[best, np.arange(len(ring))])
+    return rotvecs
 
 
 def _frames(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

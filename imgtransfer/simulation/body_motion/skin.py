@@ -1,4 +1,4 @@
-"""The skin under a garment: which vertices it covers, how finely their movement is cut, and points that ride on it."""
+"""The skin that a garment covers: which vertices, how finely their movement is cut, and points that ride on it."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from scipy.spatial import cKDTree
 from imgtransfer.running.extras import optional
 from imgtransfer.simulation.config import SolverConfig
 
-_UNDER = 0.06  # metres between the cloth and the skin that it lies on
+_COVERED = 0.06  # metres between the cloth and the skin that it lies on, at most
 
 
-def skin_under(cloth: np.ndarray, skin: np.ndarray) -> np.ndarray:
-    """Which vertices of the resting body (B, 3) lie under the cloth (N, 3): int64 indices, all of them if none does."""
-    near = np.flatnonzero(cKDTree(cloth).query(skin)[0] < _UNDER)
+def covered_skin(cloth: np.ndarray, skin: np.ndarray) -> np.ndarray:
+    """Which vertices of the resting body (B, 3) the cloth (N, 3) covers: int64 indices; all where it is none."""
+    near = np.flatnonzero(cKDTree(cloth).query(skin)[0] < _COVERED)
     return near if len(near) else np.arange(len(skin))
 
 
 def step_count(before: np.ndarray, start: np.ndarray, end: np.ndarray, solver: SolverConfig) -> int:
-    """Substeps of a frame in which the skin under the garment moves from `start` to `end`, (M, 3) metres each.
+    """Substeps of a frame in which the covered skin moves from `start` to `end`, (M, 3) metres each.
 
     The cloth rides along with what moves all of the skin evenly, by its inertia; what it has to follow is how far a
     vertex goes apart from that, and how much the even movement itself changes. The larger of the two, divided by
@@ -27,9 +27,9 @@ def step_count(before: np.ndarray, start: np.ndarray, end: np.ndarray, solver: S
     Args:
         before: (M, 3) where the skin was a frame earlier than at the start.
     """
-    way = end - start
-    even = way.mean(axis=0)
-    own = np.linalg.norm(way - even, axis=1).max()
+    displacement = end - start
+    even = displacement.mean(axis=0)
+    own = np.linalg.norm(displacement - even, axis=1).max()
     change = np.linalg.norm(even - (start - before).mean(axis=0))
     wanted = int(np.ceil(max(own, change) / solver.step_length - 1e-9))
     return min(max(wanted, solver.min_substeps), solver.max_substeps)

@@ -13,8 +13,8 @@ from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig, garment_fingerprint
 from imgtransfer.garments.garment import make_garment
 from imgtransfer.motions.motion import Motion
-from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_shares
-from imgtransfer.simulation.body_motion.skin import skin_under
+from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_fractions
+from imgtransfer.simulation.body_motion.skin import covered_skin
 from imgtransfer.simulation.config import SimulateConfig
 
 
@@ -30,18 +30,18 @@ class SkinnedBodyMotion(BodyMotion):
     def __init__(self, motion: Motion, config: SimulateConfig) -> None:
         self.name, self.fps = motion.name, motion.fps
         self._motion, self._config = motion, config
-        self.worn, self._body, self._weights = _dressed(
+        self.dressed, self._body, self._weights = _dressed(
             config.body, config.garment, garment_fingerprint(config.garment)
         )
         body = self._body
         bones = body.bone_poses(motion.poses, motion.trans, leg_length=motion.leg_length)
         self._bones = BonePoses(bones.rotations, bones.root - bones.root[0] + body.joints_rest[0])
-        shares = warm_up_shares(config.solver, self.fps)[:, None]
+        fractions = warm_up_fractions(config.solver, self.fps)[:, None]
         first = _frame(self._bones, 0)
         warm_up = body.interpolate(
-            _repeated(body.rest_pose(), len(shares)), _repeated(first, len(shares)), shares
+            _repeated(body.rest_pose(), len(fractions)), _repeated(first, len(fractions)), fractions
         )
-        self.start = len(shares) - 1
+        self.start = len(fractions) - 1
         self._keys = BonePoses(
             *(
                 np.concatenate([getattr(warm_up, name)[:-1], getattr(self._bones, name)])
@@ -53,15 +53,15 @@ class SkinnedBodyMotion(BodyMotion):
     @property
     def skin(self) -> np.ndarray:
         transforms = self._body.transforms(self._keys).astype(np.float32)
-        return self._body.vertices(transforms)[:, self.worn.under]
+        return self._body.vertices(transforms)[:, self.dressed.covered]
 
     def between(self, number: int, substeps: int) -> tuple[np.ndarray, np.ndarray]:
-        share = np.arange(1, substeps + 1)[:, None] / substeps
+        fraction = np.arange(1, substeps + 1)[:, None] / substeps
         start, end = (_repeated(_frame(self._keys, key), substeps) for key in (number - 1, number))
-        transforms = self._body.transforms(self._body.interpolate(start, end, share)).astype(np.float32)
-        garment = self.worn.garment
-        held = garment.mesh.vertices[garment.held]
-        return self._body.vertices(transforms), skinned(transforms, self._weights, held)
+        transforms = self._body.transforms(self._body.interpolate(start, end, fraction)).astype(np.float32)
+        garment = self.dressed.garment
+        pinned = garment.mesh.vertices[garment.pinned]
+        return self._body.vertices(transforms), skinned(transforms, self._weights, pinned)
 
     @property
     def body(self) -> np.ndarray:
@@ -92,7 +92,7 @@ class SkinnedBodyMotion(BodyMotion):
 def _dressed(
     wearer: BodyConfig, kind: GarmentConfig, fingerprint: str
 ) -> tuple[DressedBody, SkinnedBody, np.ndarray]:
-    """The garment on the body, and the blend weights (H, K) with which its held vertices move.
+    """The garment on the body, and the blend weights (H, K) with which its pinned vertices move.
 
     Args:
         fingerprint: of the garment's file, so that another one of the same name is read anew.
@@ -102,8 +102,8 @@ def _dressed(
     like = None if wearer == wearer.reference else make_body(wearer.reference)
     garment = make_garment(body, kind, like=like)
     mesh = garment.mesh
-    weights = body.weights_near(mesh.vertices[garment.held])
-    return DressedBody(body.rest, body.faces, garment, skin_under(mesh.vertices, body.rest)), body, weights
+    weights = body.weights_near(mesh.vertices[garment.pinned])
+    return DressedBody(body.rest, body.faces, garment, covered_skin(mesh.vertices, body.rest)), body, weights
 
 
 def _repeated(bones: BonePoses, frames: int) -> BonePoses:

@@ -11,22 +11,22 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig, TemplateConfig, garment_fingerprint
-from imgtransfer.garments.garment import load_template
+from imgtransfer.garments.garment import template_garment
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import seam_groups
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
-from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_shares
+from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_fractions
 from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation, rigid_rotation
-from imgtransfer.simulation.body_motion.skin import SkinPoints, skin_under
+from imgtransfer.simulation.body_motion.skin import SkinPoints, covered_skin
 from imgtransfer.simulation.config import SimulateConfig
 from render import InputError, Mesh
 
 
 class MeshBodyMotion(BodyMotion):
-    """A mesh sequence: between frames the skin moves on straight lines, and held vertices with the skin below them.
+    """A mesh sequence: between frames the skin moves on straight lines, and pinned vertices with the skin below them.
 
     From the rest pose the body comes to its first frame by Poisson shape interpolation. Where on the floor it stands
-    and which way it faces then has no part in that: the cloth would only be flung about.
+    and where it faces then has no part in that: the cloth would only be flung about.
 
     Raises:
         InputError: files that cannot be read, or a garment that does not fit.
@@ -36,27 +36,27 @@ class MeshBodyMotion(BodyMotion):
         moving = sequence.read()
         self.name, self.fps = sequence.name, sequence.fps
         key = _Rest(moving.rest_content, moving.rest, sequence.settings.axes)
-        self.worn, self._held = _dressed(key, config.garment, garment_fingerprint(config.garment))
+        self.dressed, self._pinned = _dressed(key, config.garment, garment_fingerprint(config.garment))
         rest = moving.rest.vertices
         vertices = moving.vertices
         self._heading = heading(rigid_rotation(rest, vertices[0].astype(np.float64)))
         self._centres = rest.mean(axis=0), vertices[0].mean(axis=0, dtype=np.float64)
         own = ((vertices - self._centres[1]) @ self._heading + self._centres[0]).astype(np.float32)
-        way = ShapeInterpolation(rest, own[0], moving.rest.faces, same=seam_groups(moving.rest))
-        shares = warm_up_shares(config.solver, self.fps)
-        warm_up = [way.at(share).astype(np.float32) for share in shares[:-1]]
+        interpolation = ShapeInterpolation(rest, own[0], moving.rest.faces, same=seam_groups(moving.rest))
+        fractions = warm_up_fractions(config.solver, self.fps)
+        warm_up = [interpolation.at(fraction).astype(np.float32) for fraction in fractions[:-1]]
         self.start = len(warm_up)
         self._keys = np.concatenate([np.stack(warm_up), own])
         self._body = round_to_grid(vertices)
 
     @property
     def skin(self) -> np.ndarray:
-        return self._keys[:, self.worn.under]
+        return self._keys[:, self.dressed.covered]
 
     def between(self, number: int, substeps: int) -> tuple[np.ndarray, np.ndarray]:
-        share = (np.arange(1, substeps + 1, dtype=np.float32) / substeps)[:, None, None]
-        skin = (1 - share) * self._keys[number - 1] + share * self._keys[number]
-        return skin, self._held.at(skin)
+        fraction = (np.arange(1, substeps + 1, dtype=np.float32) / substeps)[:, None, None]
+        skin = (1 - fraction) * self._keys[number - 1] + fraction * self._keys[number]
+        return skin, self._pinned.at(skin)
 
     @property
     def body(self) -> np.ndarray:
@@ -100,10 +100,10 @@ class _Rest:
 
 @lru_cache(maxsize=4)
 def _dressed(body: _Rest, kind: GarmentConfig, fingerprint: str) -> tuple[DressedBody, SkinPoints]:
-    """The garment on the body, and its held vertices as points of the skin; `fingerprint` is of the garment's file."""
+    """The garment on the body, and its pinned vertices as points of the skin; `fingerprint` is the garment file's."""
     if not isinstance(kind, TemplateConfig):
         raise InputError(needs_template(kind))
-    garment, _ = load_template(body.mesh, kind, body_axes=body.axes)
+    garment, _ = template_garment(body.mesh, kind, body_axes=body.axes)
     rest, mesh = body.mesh.vertices.astype(np.float32), garment.mesh
-    worn = DressedBody(rest, body.mesh.faces.astype(np.int32), garment, skin_under(mesh.vertices, rest))
-    return worn, SkinPoints(mesh.vertices[garment.held], rest, body.mesh.faces)
+    dressed = DressedBody(rest, body.mesh.faces.astype(np.int32), garment, covered_skin(mesh.vertices, rest))
+    return dressed, SkinPoints(mesh.vertices[garment.pinned], rest, body.mesh.faces)

@@ -1,4 +1,4 @@
-"""Warp kernels of a cloth's contacts: with a surface under it, and with itself.
+"""Warp kernels of a cloth's contacts: with the surface that it lies on, and with itself.
 
 Both are planes that a vertex is pushed off with a penalty and that it rubs against. The plane of a contact with the
 cloth itself goes through the nearest triangle of another part of it and moves with that triangle, whose corners get
@@ -6,7 +6,7 @@ the opposite force.
 """
 
 # mypy: ignore-errors
-# ruff: noqa: PLR0911, PLR0912, PLR0917, RUF046, SIM108, UP018
+# ruff: noqa: PLR0911, PLR0912, PLR0917, RUF046, UP018
 # Kernels are written in Warp's own language: its annotations are no Python types, arguments go by position, and what a
 # loop changes must be made a variable by its type's name.
 
@@ -17,9 +17,8 @@ wp.set_module_options({"enable_backward": False})
 _SLIP_SPEED = wp.constant(0.01)  # m/s, below which friction grows with the speed instead of being constant
 MOST_ON_CORNER = 12  # contacts that one corner of triangles feels; more are not counted
 _MOST = wp.constant(MOST_ON_CORNER)
-_STEEP = wp.constant(
-    0.5
-)  # share of the way to a triangle along its normal; with less the vertex is beside it
+# Cosine of the direction to a triangle with its normal; with less the vertex is beside it.
+_STEEP = wp.constant(0.5)
 
 
 @wp.struct
@@ -58,7 +57,7 @@ def plane_contact(
     fabric: Fabric,
     stiffness: float,
     thickness: float,
-    seconds: float,
+    dt: float,
     x: wp.vec3,
     start: wp.vec3,
     p: wp.vec3,
@@ -69,21 +68,21 @@ def plane_contact(
     force, hessian = wp.vec3(0.0), wp.mat33(0.0)
     depth = thickness - wp.dot(n, x - p)
     if wp.dot(n, n) > 0.0 and depth > 0.0:
-        slip = x - start - seconds * v
+        slip = x - start - dt * v
         along = wp.dot(n, slip)
         load = stiffness * depth
         k = stiffness
         force = load * n
         if along < 0.0:
-            force -= fabric.contact_damping / seconds * along * n
-            k += fabric.contact_damping / seconds
+            force -= fabric.contact_damping / dt * along * n
+            k += fabric.contact_damping / dt
         slip = slip - along * n
-        way, least = wp.length(slip), _SLIP_SPEED * seconds
+        slip_length, static_slip = wp.length(slip), _SLIP_SPEED * dt
         grip = fabric.friction * load
-        if way > least:
-            grip = grip / way
+        if slip_length > static_slip:
+            grip = grip / slip_length
         else:
-            grip = grip * (2.0 - way / least) / least
+            grip = grip * (2.0 - slip_length / static_slip) / static_slip
         force -= grip * slip
         hessian = wp.outer(n, n) * (k - grip) + wp.identity(n=3, dtype=float) * grip
     return force, hessian
@@ -157,7 +156,7 @@ def find_touches(touch: Touch, start: wp.array(dtype=wp.vec3), cloth: wp.uint64)
     i = wp.tid()
     x, last = start[i], int(touch.face[i])
     reach = wp.where(last >= 0, 2.0, 1.0) * touch.apart
-    nearest, found, weights = float(reach), int(-1), wp.vec3(0.0)
+    nearest, nearest_face, weights = float(reach), int(-1), wp.vec3(0.0)
     query = wp.mesh_query_aabb(cloth, x - wp.vec3(reach), x + wp.vec3(reach))
     t = int(0)
     while wp.mesh_query_aabb_next(query, t):
@@ -166,17 +165,17 @@ def find_touches(touch: Touch, start: wp.array(dtype=wp.vec3), cloth: wp.uint64)
             at = closest_weights(x, start[face[0]], start[face[1]], start[face[2]])
             distance = wp.length(x - _mix(at, face, start))
             if distance < nearest and not _near_at_rest(touch, i, face):
-                nearest, found, weights = distance, t, at
+                nearest, nearest_face, weights = distance, t, at
     touch.face[i] = -1
-    if found < 0:
+    if nearest_face < 0:
         return
-    face = touch.faces[found]
+    face = touch.faces[nearest_face]
     across = wp.cross(start[face[1]] - start[face[0]], start[face[2]] - start[face[0]])
     if wp.length(across) < 1e-10:
         return
     up = wp.normalize(across)
-    way = x - _mix(weights, face, start)
-    height = wp.dot(way, up)
+    offset = x - _mix(weights, face, start)
+    height = wp.dot(offset, up)
     side = float(wp.where(height < 0.0, -1.0, 1.0))
     known = bool(False)
     if last >= 0:
@@ -191,8 +190,8 @@ def find_touches(touch: Touch, start: wp.array(dtype=wp.vec3), cloth: wp.uint64)
         if height * side < _STEEP * nearest:
             return
         if nearest > 1e-5:
-            normal = way / nearest
-    touch.face[i] = found
+            normal = offset / nearest
+    touch.face[i] = nearest_face
     touch.side[i] = side
     touch.weights[i] = weights
     touch.normal[i] = normal
@@ -207,7 +206,7 @@ def find_touches(touch: Touch, start: wp.array(dtype=wp.vec3), cloth: wp.uint64)
 def _touch(
     touch: Touch,
     fabric: Fabric,
-    seconds: float,
+    dt: float,
     i: int,
     start: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3),
@@ -215,15 +214,15 @@ def _touch(
     """Force and Hessian on vertex i of the triangle that it touches."""
     face = touch.faces[touch.face[i]]
     p, before = _mix(touch.weights[i], face, position), _mix(touch.weights[i], face, start)
-    n, velocity = touch.normal[i], (p - before) / seconds
-    return plane_contact(fabric, touch.stiffness, touch.apart, seconds, position[i], start[i], p, n, velocity)
+    n, velocity = touch.normal[i], (p - before) / dt
+    return plane_contact(fabric, touch.stiffness, touch.apart, dt, position[i], start[i], p, n, velocity)
 
 
 @wp.func
 def self_contact(
     touch: Touch,
     fabric: Fabric,
-    seconds: float,
+    dt: float,
     i: int,
     start: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3),
@@ -231,7 +230,7 @@ def self_contact(
     """Force and Hessian on vertex i of all contacts of the cloth with itself that it takes part in."""
     force, hessian = wp.vec3(0.0), wp.mat33(0.0)
     if touch.face[i] >= 0:
-        force, hessian = _touch(touch, fabric, seconds, i, start, position)
+        force, hessian = _touch(touch, fabric, dt, i, start, position)
     for place in range(wp.min(touch.count[i], _MOST)):
         other = touch.others[i, place]
         face, weights = touch.faces[touch.face[other]], touch.weights[other]
@@ -240,7 +239,7 @@ def self_contact(
             weight = weights[1]
         elif face[2] == i:
             weight = weights[2]
-        f, h = _touch(touch, fabric, seconds, other, start, position)
+        f, h = _touch(touch, fabric, dt, other, start, position)
         force -= weight * f
         hessian += weight * weight * h
     return force, hessian

@@ -23,7 +23,7 @@ def crossings(mesh: Mesh, vertices: np.ndarray) -> np.ndarray:
     points = warp.zeros(len(mesh.vertices), dtype=warp.vec3, device=device)
     corners: Any = warp.array(faces, dtype=warp.vec3i, device=device)
     edges: Any = warp.array(mesh.edges.astype(np.int32), dtype=warp.vec2i, device=device)
-    found = warp.zeros(len(mesh.edges), dtype=int, device=device)
+    crossing = warp.zeros(len(mesh.edges), dtype=int, device=device)
     cloth = None
     marks = np.zeros((len(vertices), len(mesh.edges)), bool)
     for frame, positions in enumerate(vertices):
@@ -31,7 +31,7 @@ def crossings(mesh: Mesh, vertices: np.ndarray) -> np.ndarray:
         if cloth is None:
             cloth = warp.Mesh(points=points, indices=warp.array(faces.ravel(), dtype=int, device=device))
         cloth.refit()
-        given = [edges, corners, cloth.id, points, found]
+        given = [edges, corners, cloth.id, points, crossing]
         warp.launch(find_crossings, dim=len(mesh.edges), inputs=given, device=device)
-        marks[frame] = found.numpy() > 0
+        marks[frame] = crossing.numpy() > 0
     return marks

@@ -69,16 +69,18 @@ class ClothDescent:
         self._step.angle = warp.zeros(len(self._sheet.hinges), dtype=float, device=model.device)
         self._recorded: dict[float, list[tuple[str, Any]]] = {}
 
-    def step(self, state: Any, seconds: float) -> None:
-        """Move the particles of a Newton state, always the same one, in place; the body stands where it will be."""
+    def step(self, state: Any, dt: float) -> None:
+        """Move the particles of a Newton state, always the same one, in place by `dt` seconds; the body stands where it
+        will be.
+        """
         if self.self_contact is not None:
             self.self_contact.update(state.particle_q)
-        if seconds not in self._recorded:
-            self._recorded[seconds] = self.commands(state, seconds)
-        for _, command in self._recorded[seconds]:
+        if dt not in self._recorded:
+            self._recorded[dt] = self.commands(state, dt)
+        for _, command in self._recorded[dt]:
             command.launch()
 
-    def commands(self, state: Any, seconds: float) -> list[tuple[str, Any]]:
+    def commands(self, state: Any, dt: float) -> list[tuple[str, Any]]:
         """The kernels of a step, by name and ready to launch: to prepare arguments costs more than many of them."""
         kernels, sheet, now = self._kernels, self._sheet, self._step
         position, velocity = state.particle_q, state.particle_qd
@@ -91,7 +93,7 @@ class ClothDescent:
 
         around = self._touch, self._fabric
         descend = [
-            launch(kernels.descend, len(members), sheet, now, *around, seconds, members, position)
+            launch(kernels.descend, len(members), sheet, now, *around, dt, members, position)
             for members in self._colours
         ]
         touches = []
@@ -100,13 +102,13 @@ class ClothDescent:
                 launch(kernel, self._n, *given) for kernel, given in self.self_contact.commands(now.start)
             ]
         return [
-            launch(kernels.begin, self._n, sheet, now, self._gravity, seconds, velocity, position),
+            launch(kernels.begin, self._n, sheet, now, self._gravity, dt, velocity, position),
             launch(kernels.measure_faces, len(sheet.faces), sheet, now),
             launch(kernels.measure_hinges, len(sheet.hinges), sheet, now),
             launch(kernels.find_contacts, self._n, now, self._body.id, self._reach),
             *touches,
             *descend * self._iterations,
-            launch(kernels.finish, self._n, now, 1 / seconds, position, velocity),
+            launch(kernels.finish, self._n, now, 1 / dt, position, velocity),
         ]
 
 

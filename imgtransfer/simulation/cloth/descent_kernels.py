@@ -53,9 +53,8 @@ class Step:
 
     start: wp.array(dtype=wp.vec3)  # where the step starts
     goal: wp.array(dtype=wp.vec3)  # where inertia and gravity alone would lead
-    surface: wp.array(
-        dtype=wp.vec3
-    )  # closest point of the body, its outward normal (0 if far away) and velocity
+    # Closest point of the body, its outward normal (0 if far away) and velocity.
+    surface: wp.array(dtype=wp.vec3)
     normal: wp.array(dtype=wp.vec3)
     speed: wp.array(dtype=wp.vec3)
     metric: wp.array(dtype=wp.vec3)  # FᵀF (its entries 00, 01, 11) at the start
@@ -85,7 +84,7 @@ def begin(
     sheet: Sheet,
     step: Step,
     gravity: wp.vec3,
-    seconds: float,
+    dt: float,
     velocity: wp.array(dtype=wp.vec3),
     position: wp.array(dtype=wp.vec3),
 ):
@@ -94,7 +93,7 @@ def begin(
     x = position[i]
     step.start[i] = x
     if sheet.mass[i] > 0.0:
-        x = x + seconds * (velocity[i] + seconds * gravity)
+        x = x + dt * (velocity[i] + dt * gravity)
     step.goal[i] = x
     position[i] = x
 
@@ -122,12 +121,12 @@ def find_contacts(step: Step, body: wp.uint64, reach: float):
     i = wp.tid()
     x = step.start[i]
     n = wp.vec3(0.0)
-    found = wp.mesh_query_point_sign_normal(body, x, reach)
-    if found.result:
-        p = wp.mesh_eval_position(body, found.face, found.u, found.v)
-        n = wp.normalize(x - p) * found.sign
+    closest = wp.mesh_query_point_sign_normal(body, x, reach)
+    if closest.result:
+        p = wp.mesh_eval_position(body, closest.face, closest.u, closest.v)
+        n = wp.normalize(x - p) * closest.sign
         step.surface[i] = p
-        step.speed[i] = wp.mesh_eval_velocity(body, found.face, found.u, found.v)
+        step.speed[i] = wp.mesh_eval_velocity(body, closest.face, closest.u, closest.v)
     step.normal[i] = n
 
 
@@ -137,7 +136,7 @@ def _membrane(
     area: float,
     before: wp.vec3,
     fabric: Fabric,
-    per_second: float,
+    inverse_dt: float,
     x: wp.vec3,
     p: wp.vec3,
     q: wp.vec3,
@@ -163,7 +162,7 @@ def _membrane(
     )
     if fabric.stretch_damping > 0.0:
         c00, c01, c11 = 2.0 * d0 * f0, d0 * f1 + d1 * f0, 2.0 * d1 * f1
-        k = fabric.stretch_damping * fabric.stretch * per_second
+        k = fabric.stretch_damping * fabric.stretch * inverse_dt
         force -= k * (
             (wp.dot(f0, f0) - before[0]) * c00
             + 2.0 * (wp.dot(f0, f1) - before[1]) * c01
@@ -215,23 +214,23 @@ def descend(
     step: Step,
     touch: Touch,
     fabric: Fabric,
-    seconds: float,
+    dt: float,
     members: wp.array(dtype=int),
     position: wp.array(dtype=wp.vec3),
 ):
-    """One Newton step of each vertex of a colour, the others held fixed; no two of a colour share a face or hinge."""
+    """One Newton step of each vertex of a colour, the others fixed; no two of a colour share a face or hinge."""
     i = members[wp.tid()]
     mass = sheet.mass[i]
     if mass == 0.0:
         return
     x = position[i]
-    per_second = 1.0 / seconds
-    inertia = mass * per_second * per_second
+    inverse_dt = 1.0 / dt
+    inertia = mass * inverse_dt * inverse_dt
     force, hessian = plane_contact(
         fabric,
         fabric.contact_stiffness,
         fabric.thickness,
-        seconds,
+        dt,
         x,
         step.start[i],
         step.surface[i],
@@ -239,7 +238,7 @@ def descend(
         step.speed[i],
     )
     if touch.apart > 0.0:
-        f, h = self_contact(touch, fabric, seconds, i, step.start, position)
+        f, h = self_contact(touch, fabric, dt, i, step.start, position)
         force += f
         hessian += h
     force += inertia * (step.goal[i] - x)
@@ -247,10 +246,10 @@ def descend(
     for c in range(sheet.corner_start[i], sheet.corner_start[i + 1]):
         of = sheet.corners[c]
         t, p, q = of[0], position[of[1]], position[of[2]]
-        f, h = _membrane(sheet.corner_rest[c], sheet.area[t], step.metric[t], fabric, per_second, x, p, q)
+        f, h = _membrane(sheet.corner_rest[c], sheet.area[t], step.metric[t], fabric, inverse_dt, x, p, q)
         force += f
         hessian += h
-    damping = fabric.bending_damping * per_second
+    damping = fabric.bending_damping * inverse_dt
     for c in range(sheet.tip_start[i], sheet.tip_start[i + 1]):
         k = sheet.tip_hinge[c]
         f, h = _hinge(sheet, step, k, sheet.tips[c], False, position, damping)
@@ -267,8 +266,8 @@ def descend(
 
 @wp.kernel
 def finish(
-    step: Step, per_second: float, position: wp.array(dtype=wp.vec3), velocity: wp.array(dtype=wp.vec3)
+    step: Step, inverse_dt: float, position: wp.array(dtype=wp.vec3), velocity: wp.array(dtype=wp.vec3)
 ):
-    """Velocities from the way gone."""
+    """Velocities from the displacements of the step."""
     i = wp.tid()
-    velocity[i] = (position[i] - step.start[i]) * per_second
+    velocity[i] = (position[i] - step.start[i]) * inverse_dt

@@ -28,7 +28,7 @@ class ClothOnBody:
         body_vertices: (B, 3) where the body stands at first, metres. body_faces: (G, 3).
         material: see `ClothConfig`.
         solver: for its iterations, and whether the cloth collides with itself.
-        held: (H,) vertices that go where `step` and `place` say, whatever pulls at them.
+        pinned: (H,) vertices that go where `step` and `place` say, whatever pulls at them.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class ClothOnBody:
         material: ClothConfig,
         solver: SolverConfig,
         *,
-        held: np.ndarray | None = None,
+        pinned: np.ndarray | None = None,
     ) -> None:
         warp, newton = _libraries()
         builder = newton.ModelBuilder(up_axis=newton.Axis.Y, gravity=GRAVITY)
@@ -70,8 +70,8 @@ class ClothOnBody:
             ke=material.contact_stiffness, kd=CONTACT_DAMPING, mu=material.friction, margin=0.0
         )
         builder.add_shape_mesh(-1, mesh=collider, cfg=surface)
-        self._held = np.zeros(0, np.int64) if held is None else held
-        for vertex in self._held:
+        self._pinned = np.zeros(0, np.int64) if pinned is None else pinned
+        for vertex in self._pinned:
             builder.particle_mass[vertex] = 0.0
         builder.color(include_bending=True)  # no two vertices of a colour share a face or a hinge
         model = builder.finalize(device="cpu")
@@ -109,20 +109,20 @@ class ClothOnBody:
         self.state.particle_qd.assign(velocities.astype(np.float32))
         self._body = body_vertices.astype(np.float32)
 
-    def step(self, body_vertices: np.ndarray, seconds: float, held: np.ndarray | None = None) -> None:
-        """Move the body to (B, 3) and the held vertices to (H, 3) in `seconds` and let the cloth follow."""
-        if held is not None and len(held):
+    def step(self, body_vertices: np.ndarray, dt: float, pinned: np.ndarray | None = None) -> None:
+        """Move the body to (B, 3) and the pinned vertices to (H, 3) within `dt` seconds and let the cloth follow."""
+        if pinned is not None and len(pinned):
             cloth = self.state.particle_q.numpy()
-            cloth[self._held] = held
+            cloth[self._pinned] = pinned
             self.state.particle_q.assign(cloth)
-        self.move_body(body_vertices, seconds)
-        self.stepper.step(self.state, seconds)
+        self.move_body(body_vertices, dt)
+        self.stepper.step(self.state, dt)
 
-    def move_body(self, body_vertices: np.ndarray, seconds: float) -> None:
-        """Move the body alone to (B, 3) in `seconds`; its surface gets the velocity that this takes."""
+    def move_body(self, body_vertices: np.ndarray, dt: float) -> None:
+        """Move the body alone to (B, 3) within `dt` seconds; its surface gets the velocity that this takes."""
         body = body_vertices.astype(np.float32)
         self.collider.points.assign(body)
-        self.collider.velocities.assign((body - self._body) / seconds)
+        self.collider.velocities.assign((body - self._body) / dt)
         self.collider.refit()
         self._body = body
 

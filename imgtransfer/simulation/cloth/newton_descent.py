@@ -44,9 +44,9 @@ class NewtonDescent:
         self._control = model.control()
         self._next = model.state()
 
-    def step(self, state: Any, seconds: float) -> None:
-        """Move the particles of a Newton state in place; the body stands where it will be."""
+    def step(self, state: Any, dt: float) -> None:
+        """Move the particles of a Newton state in place by `dt` seconds; the body stands where it will be."""
         state.clear_forces()
         self._pipeline.collide(state, self._contacts)
-        self._solver.step(state, self._next, self._control, self._contacts, seconds)
+        self._solver.step(state, self._next, self._control, self._contacts, dt)
         state.assign(self._next)

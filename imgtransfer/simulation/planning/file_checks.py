@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from imgtransfer.bodies.config import SmplConfig, make_body
 from imgtransfer.garments.config import TemplateConfig
-from imgtransfer.garments.garment import load_template, resting
+from imgtransfer.garments.garment import resting, template_garment
 from imgtransfer.importers.checks.findings import Say
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence, speed_fault
 from imgtransfer.simulation.planning.task import Task
@@ -53,7 +53,7 @@ def check_files(tasks: Sequence[Task], say: Say) -> None:
         if own is None:
             continue
         try:
-            for text in load_template(wearer, own, body_axes=axes, say=say)[1]:
+            for text in template_garment(wearer, own, body_axes=axes, say=say)[1]:
                 note(text)
         except InputError as error:
             raise InputError(f"on the body {called}: {error}" if called else str(error)) from error

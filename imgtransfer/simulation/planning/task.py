@@ -9,7 +9,7 @@ from imgtransfer.garments.config import garment_fingerprint
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
 from imgtransfer.simulation.config import SimulateConfig, Split
-from imgtransfer.simulation.run import clip_name
+from imgtransfer.simulation.run import simulated_clip_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class Task:
     @property
     def name(self) -> str:
         """Its name in the data set."""
-        return clip_name(self.config, self.motion)
+        return simulated_clip_name(self.config, self.motion)
 
     def fingerprint(self) -> str:
         """A text that changes with whatever decides how the clip comes out; files count by what they hold."""

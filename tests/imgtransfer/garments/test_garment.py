@@ -77,7 +77,7 @@ def test_its_openings_lie_where_their_names_say(kind, shape):
     for a, b in zip(left, right, strict=True):
         assert a[0] > 0.08
         np.testing.assert_allclose(a * [-1, 1, 1], b, atol=0.02)  # the body is symmetric
-    assert len(garment.held) == (len(garment.openings["waist"]) if "waist" in garment.openings else 0)
+    assert len(garment.pinned) == (len(garment.openings["waist"]) if "waist" in garment.openings else 0)
     corners = garment.mesh.vertices[garment.mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     outward = corners.mean(axis=1) + 0.005 * normals / np.linalg.norm(normals, axis=1, keepdims=True)
@@ -181,11 +181,11 @@ def test_a_template_is_taken_as_it_is(tmp_path):
     mesh = made("skirt").mesh
     path = saved(tmp_path / "kilt.obj", mesh.vertices, mesh.faces)
     garment = make_garment(load_body(), TypeAdapter(GarmentConfig).validate_python(
-        {"kind": "template", "path": str(path), "held": True}
+        {"kind": "template", "path": str(path), "pinned": True}
     ))  # fmt: skip
     assert garment.name == "kilt"
     np.testing.assert_allclose(garment.mesh.vertices, mesh.vertices, atol=1e-6)
-    assert np.array_equal(garment.held, made("skirt").held)
+    assert np.array_equal(garment.pinned, made("skirt").pinned)
     assert len(garment.openings) == 2
 
 

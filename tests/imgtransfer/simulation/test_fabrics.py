@@ -19,7 +19,7 @@ SOFT = {"stretch": 20.0, "stretch_damping": 0.0, "bending_damping": 0.005}
 
 
 def strip(length, width=0.02):
-    """Rows of near-equilateral triangles along +x, level; the first two columns are to be held."""
+    """Rows of near-equilateral triangles along +x, level; the first two columns are to be pinned."""
     rows = round(width / (EDGE * np.sqrt(3) / 2))
     columns = round(length / EDGE) + 2
     points = [
@@ -39,9 +39,9 @@ def strip(length, width=0.02):
 def droop(length, seconds=0.4, **material):
     """Metres by which the free end of a strip hangs lower than its clamped one, at rest."""
     mesh = strip(length)
-    held = np.flatnonzero(mesh.vertices[:, 0] <= 1e-9)
+    pinned = np.flatnonzero(mesh.vertices[:, 0] <= 1e-9)
     config = ClothConfig.model_validate({**SOFT, **material})
-    cloth = ClothOnBody(mesh, FAR, FAR_FACES, config, SolverConfig(iterations=40), held=held)
+    cloth = ClothOnBody(mesh, FAR, FAR_FACES, config, SolverConfig(iterations=40), pinned=pinned)
     for _ in range(round(seconds / STEP)):
         cloth.step(FAR, STEP)
         cloth.place(cloth.vertices, 0.9925 * cloth.velocities, FAR)

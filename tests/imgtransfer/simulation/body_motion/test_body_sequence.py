@@ -192,23 +192,23 @@ def test_a_waistband_stays_on_the_skin_below(tmp_path):
     skirt = make_garment(BODY, SkirtConfig(edge_length=0.05))
     path = write_obj(tmp_path / "kilt.obj", skirt.mesh.vertices, skirt.mesh.faces)
     folder = write_body(tmp_path / "squat", moving("squat", 12), Axes())
-    garment = TemplateConfig(path=path, held=True)
-    movement = MeshBodyMotion(
+    garment = TemplateConfig(path=path, pinned=True)
+    body_motion = MeshBodyMotion(
         find_sequence(folder, SequenceFiles(), 30.0), SimulateConfig(garment=garment, solver=QUICK)
     )
-    np.testing.assert_array_equal(movement.worn.garment.held, skirt.held)
-    band = skirt.mesh.vertices[skirt.held]
+    np.testing.assert_array_equal(body_motion.dressed.garment.pinned, skirt.pinned)
+    band = skirt.mesh.vertices[skirt.pinned]
     around = np.linalg.norm(np.diff(band, axis=0), axis=1)
-    for number in (1, movement.start, len(movement.skin) - 1):
-        skin, held = movement.between(number, 2)
+    for number in (1, body_motion.start, len(body_motion.skin) - 1):
+        skin, pinned = body_motion.between(number, 2)
         assert skin.shape == (2, len(BODY.rest), 3)
-        for body, points in zip(skin, held, strict=True):
+        for body, points in zip(skin, pinned, strict=True):
             sdf = BodySdf(BODY.faces, len(body))
             sdf.update(body)
             away = sdf.distance(torch.from_numpy(points)).numpy()
             assert 0.004 < away.min() < away.max() < 0.03
         # Neighbours keep their distance but for what the waist stretches.
-        moved = np.linalg.norm(np.diff(held[-1], axis=0), axis=1)
+        moved = np.linalg.norm(np.diff(pinned[-1], axis=0), axis=1)
         assert np.percentile(np.abs(moved - around), 90) < 0.012
 
 
@@ -315,7 +315,7 @@ def test_a_configuration_s_template_is_mended_by_its_keys(own, capsys):
 
 
 @pytest.mark.parametrize(("flag", "wanted"), [
-    ("--held", "--held goes with --template FILE"),
+    ("--pinned", "--pinned goes with --template FILE"),
     ("--garment=tee", "--garment goes with --template FILE"),
     ("--garment-up=z", "--garment-up goes with --template FILE"),
     ("--fps=60", "--fps goes with body mesh sequences"),

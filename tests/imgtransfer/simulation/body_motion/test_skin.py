@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imgtransfer.simulation.body_motion.skin import SkinPoints, skin_under, step_count
+from imgtransfer.simulation.body_motion.skin import SkinPoints, covered_skin, step_count
 from imgtransfer.simulation.config import SolverConfig
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -40,8 +40,8 @@ def test_a_jerk_of_the_whole_body_counts():
 
 def test_the_skin_under_a_garment():
     cloth = np.array([[0.1, 0.05, 0], [0, 0.12, 0]])
-    assert np.array_equal(skin_under(cloth, SKIN), [1, 2])
-    assert np.array_equal(skin_under(cloth + 10, SKIN), np.arange(4))
+    assert np.array_equal(covered_skin(cloth, SKIN), [1, 2])
+    assert np.array_equal(covered_skin(cloth + 10, SKIN), np.arange(4))
 
 
 def test_the_second_attempt_has_twice_the_substeps():
@@ -53,11 +53,11 @@ def test_the_second_attempt_has_twice_the_substeps():
 
 def test_points_ride_rigidly_on_the_skin():
     points = np.array([[0.5, 0.5, 1.02], [1.01, 0.2, 0.3]])
-    held = SkinPoints(points, CUBE, CUBE_FACES)
-    np.testing.assert_allclose(held.at(CUBE), points, atol=1e-6)
+    pinned = SkinPoints(points, CUBE, CUBE_FACES)
+    np.testing.assert_allclose(pinned.at(CUBE), points, atol=1e-6)
     turn = Rotation.from_rotvec([0.4, 1.0, -0.2])
     frames = np.stack([turn.apply(CUBE) + 3, 2 * CUBE])
-    moved = held.at(frames)
+    moved = pinned.at(frames)
     np.testing.assert_allclose(moved[0], turn.apply(points) + 3, atol=1e-6)
     # Where the skin grows, its points go apart and keep their distance from it.
     np.testing.assert_allclose(moved[1], [[1.0, 1.0, 2.02], [2.01, 0.4, 0.6]], atol=1e-6)

@@ -27,20 +27,20 @@ def octahedron(radius=0.1):
 
 
 def dropped(kind, steps, **options):
-    """A sheet with two held corners that falls on a body, which moves away under it; (steps, N, 3)."""
+    """A sheet with two pinned corners that falls on a body, which moves away under it; (steps, N, 3)."""
     body, faces = octahedron()
     mesh = sheet(height=0.104)
-    held = np.array([0, 8])
+    pinned = np.array([0, 8])
     material = ClothConfig.model_validate({"stretch_damping": 1e-4, **options})
     solver = SolverConfig(iterations=5, relaxation=1.0)
-    cloth = ClothOnBody(mesh, body, faces, material, solver, held=held)
+    cloth = ClothOnBody(mesh, body, faces, material, solver, pinned=pinned)
     if kind == "newton":
         model = cloth.model  # the same model, so that nothing but the stepping differs
         cloth.stepper = NewtonDescent(model, material, 5, self_contact=False)
     frames = []
     for number in range(1, steps + 1):
         way = np.array([0.002 * number, 0.001 * number, 0], np.float32)
-        cloth.step(body + way, 1 / 240, mesh.vertices[held] + way)
+        cloth.step(body + way, 1 / 240, mesh.vertices[pinned] + way)
         frames.append(cloth.vertices)
     return np.stack(frames)
 
@@ -59,7 +59,7 @@ def test_over_relaxation_leaves_less_stretch():
     for relaxation in (1.0, 1.5):
         body, faces = octahedron()
         mesh, solver = sheet(height=0.104), SolverConfig(iterations=2, relaxation=relaxation)
-        cloth = ClothOnBody(mesh, body - np.float32(5), faces, ClothConfig(), solver, held=np.arange(9))
+        cloth = ClothOnBody(mesh, body - np.float32(5), faces, ClothConfig(), solver, pinned=np.arange(9))
         for _ in range(60):
             cloth.step(body - np.float32(5), 1 / 120)
         start, end = mesh.edges.T
@@ -82,12 +82,12 @@ def test_free_fall_by_hand():
 def test_held_vertices_go_where_they_are_told():
     body, faces = octahedron()
     mesh = sheet(height=0.5)
-    held = np.array([0, 8, 40])
-    cloth = ClothOnBody(mesh, body, faces, ClothConfig(), SolverConfig(), held=held)
+    pinned = np.array([0, 8, 40])
+    cloth = ClothOnBody(mesh, body, faces, ClothConfig(), SolverConfig(), pinned=pinned)
     for number in range(1, 6):
-        target = mesh.vertices[held] + [0, 0.001 * number, 0]
+        target = mesh.vertices[pinned] + [0, 0.001 * number, 0]
         cloth.step(body, 1 / 240, target)
-        np.testing.assert_allclose(cloth.vertices[held], target, atol=1e-7)
+        np.testing.assert_allclose(cloth.vertices[pinned], target, atol=1e-7)
 
 
 def test_friction_decides_whether_cloth_rides_along():
@@ -108,7 +108,7 @@ def test_friction_decides_whether_cloth_rides_along():
 
 
 def two_sheets():
-    """One mesh of two separate sheets, the second 20 mm above the first, whose border is held."""
+    """One mesh of two separate sheets, the second 20 mm above the first, whose border is pinned."""
     lower, upper = sheet(seed=1), sheet(size=0.15, height=0.02, seed=2)
     n = len(lower.vertices)
     mesh = Mesh(
@@ -120,13 +120,13 @@ def two_sheets():
 
 def test_self_contact_catches_a_sheet_that_falls_on_another():
     body, faces = octahedron()
-    mesh, held, n = two_sheets()
+    mesh, pinned, n = two_sheets()
     heights = {}
     for self_contact in (False, True):
         solver = SolverConfig(self_contact=self_contact)
-        cloth = ClothOnBody(mesh, body - np.float32(5), faces, ClothConfig(), solver, held=held)
+        cloth = ClothOnBody(mesh, body - np.float32(5), faces, ClothConfig(), solver, pinned=pinned)
         for _ in range(36):
-            cloth.step(body - np.float32(5), 1 / 240, mesh.vertices[held])
+            cloth.step(body - np.float32(5), 1 / 240, mesh.vertices[pinned])
         heights[self_contact] = (cloth.vertices[n:, 1] - cloth.vertices[:n, 1].min()).min()
         assert np.isfinite(cloth.vertices).all()
     assert heights[False] < -0.01  # fell through

@@ -172,11 +172,11 @@ def test_layers_that_collide_keep_their_momentum():
     velocity = np.zeros_like(placed)
     velocity[n:] = [0.1, -0.5, 0]
     cloth.place(placed, velocity, TETRAHEDRON + FAR)
-    seconds, steps = 1 / 600, 60
+    dt, steps = 1 / 600, 60
     for _ in range(steps):
-        cloth.step(TETRAHEDRON + FAR, seconds)
+        cloth.step(TETRAHEDRON + FAR, dt)
     gained = mass @ (cloth.velocities - velocity)
-    fallen = -9.81 * seconds * steps
+    fallen = -9.81 * dt * steps
     assert gained == pytest.approx([0, mass.sum() * fallen, 0], abs=0.02 * 0.5 * float(mass[n:].sum()))
     # They met: the lower one was pushed on, and did not let the other pass.
     assert mass[:n] @ cloth.velocities[:n, 1] / mass[:n].sum() < fallen - 0.1
