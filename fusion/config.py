@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
+from annotated_types import Unit
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+_Metres = Annotated[float, Unit("m")]
+_Ratio = Annotated[float, Unit("1")]
+_PerSquareCentimetre = Annotated[float, Unit("1/cm²")]
 
 
 class FusionConfig(BaseModel):
@@ -15,7 +20,9 @@ class FusionConfig(BaseModel):
     normal stage then makes the vertices worse than it found them.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(
+        title="YAML with hyper-parameters of the fusion", frozen=True, extra="forbid", allow_inf_nan=False
+    )
 
     solver: Literal["local_global", "adam"] = Field(
         default="local_global",
@@ -33,14 +40,14 @@ class FusionConfig(BaseModel):
         le=10**6,
         description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
     )
-    edge_tolerance: float = Field(
+    edge_tolerance: _Ratio = Field(
         default=0.04,
         ge=0,
         lt=1,
         description="Of `local_global`, no unit: the first stage is finished when a step lowers the objective by a "
         "smaller share of it; much smaller ones draw the cloth to its edges' lengths and away from the maps.",
     )
-    normal_tolerance: float = Field(
+    normal_tolerance: _Ratio = Field(
         default=0.03,
         ge=0,
         lt=1,
@@ -56,7 +63,7 @@ class FusionConfig(BaseModel):
     normal_steps: int = Field(
         default=100, ge=0, le=10**6, description="Of `adam`, second stage (normals, collision); 0 skips it."
     )
-    learning_rate_m: float = Field(
+    learning_rate_m: _Metres = Field(
         default=1e-3,
         gt=0,
         lt=0.1,
@@ -68,24 +75,26 @@ class FusionConfig(BaseModel):
         le=10**6,
         description="Of `adam`: steps between two distance queries; in between, the distance is linear.",
     )
-    weight_displacement: float = Field(default=0.02, ge=0, le=1e9, description="λ_rv, per cm², both stages.")
-    weight_edge: float = Field(
+    weight_displacement: _PerSquareCentimetre = Field(
+        default=0.02, ge=0, le=1e9, description="λ_rv, per cm², both stages."
+    )
+    weight_edge: _PerSquareCentimetre = Field(
         default=100.0, ge=0, le=1e9, description="λ_e, per cm², second stage (the first has weight 1)."
     )
-    weight_consistency: float = Field(
+    weight_consistency: _Ratio = Field(
         default=0.001,
         ge=0,
         le=1e9,
         description="λ_rn, no unit; the paper takes 0.01 for garments other than the T-shirt.",
     )
-    weight_collision: float = Field(
+    weight_collision: Annotated[float, Unit("1/cm")] = Field(
         default=100.0,
         ge=0,
         le=1e9,
         description="λ_c, per cm. `local_global` holds vertices outside for every value but 0, which is the same "
         "while the weight exceeds what pushes them in.",
     )
-    weight_temporal: float = Field(
+    weight_temporal: _PerSquareCentimetre = Field(
         default=0.0,
         ge=0,
         le=1e9,
@@ -97,25 +106,25 @@ class FusionConfig(BaseModel):
         description="Start each frame from its own readings plus what was changed in the frame before; frames must "
         "be consecutive, and are solved one after the other whatever batch_frames says.",
     )
-    collision_margin_m: float = Field(
+    collision_margin_m: _Metres = Field(
         default=0.0,
         ge=0,
         lt=0.05,
         description="Metres of clearance below which a vertex counts as inside; the paper's is 0.",
     )
-    sdf_band_m: float = Field(
+    sdf_band_m: _Metres = Field(
         default=0.05,
         gt=0,
         le=1,
         description="Metres from an obstacle within which its distance is computed; farther vertices cost less.",
     )
-    under_margin_m: float = Field(
+    under_margin_m: _Metres = Field(
         default=0.001,
         ge=0,
         lt=0.05,
         description="Metres by which the surface of the garment beneath is raised, its thickness for instance.",
     )
-    clearance_m: float = Field(
+    clearance_m: _Metres = Field(
         default=0.001,
         ge=0,
         lt=0.05,

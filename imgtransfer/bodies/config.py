@@ -6,22 +6,25 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from imgtransfer.bodies.anny import load_body
 from imgtransfer.bodies.shape import AnnyShape, random_shape
 from imgtransfer.bodies.skinned import SkinnedBody
 from imgtransfer.bodies.smpl_model import load_smpl
+from imgtransfer.config.schema import Ratio, Section
 
 
-class AnnyConfig(BaseModel):
+class AnnyConfig(Section):
     """The body that ships with the project: its default shape, one by parameters, or one by seed."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    kind: Literal["anny"] = "anny"
-    shape: AnnyShape | None = None
-    seed: int | None = Field(None, ge=0, lt=2**63)  # of a random adult
+    kind: Literal["anny"] = Field("anny", description="The body that ships with the project.")
+    shape: AnnyShape | None = Field(
+        None, description="Its shape by Anny's phenotype parameters; null is the default shape."
+    )
+    seed: int | None = Field(
+        None, ge=0, lt=2**63, description="Of a random adult, in place of `shape`; null draws none."
+    )
 
     @model_validator(mode="after")
     def _one_of_both(self) -> AnnyConfig:
@@ -43,15 +46,13 @@ class AnnyConfig(BaseModel):
         return AnnyConfig()
 
 
-class SmplConfig(BaseModel):
+class SmplConfig(Section):
     """A SMPL body from the user's own model files."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    kind: Literal["smpl"] = "smpl"
-    path: Path  # a model file (.npz or .pkl), or the folder of such
-    gender: Literal["female", "male", "neutral"] = "neutral"  # which file of a folder
-    betas: tuple[float, ...] = ()  # shape coefficients; those that are not given are 0
+    kind: Literal["smpl"] = Field("smpl", description="A SMPL body from your own model files.")
+    path: Path = Field(description="A model file (.npz or .pkl), or the folder of such.")
+    gender: Literal["female", "male", "neutral"] = Field("neutral", description="Which file of a folder.")
+    betas: tuple[Ratio, ...] = Field((), description="Shape coefficients; those that are not given are 0.")
 
     @property
     def title(self) -> str:

@@ -10,7 +10,9 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from imgtransfer.config.schema import Ratio, Section
 
 # Parameter -> its anchors. Ages below 1/3 (babies) are left out.
 ANCHORS: dict[str, tuple[float, ...]] = {
@@ -25,17 +27,15 @@ ANCHORS: dict[str, tuple[float, ...]] = {
 CORNERS = np.array(list(itertools.product(*ANCHORS.values())))
 
 
-class AnnyShape(BaseModel):
+class AnnyShape(Section):
     """A body's shape by Anny's phenotype parameters, each a ratio between two extremes."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    gender: float = Field(0.5, ge=0, le=1)  # 0 male, 1 female
-    age: float = Field(0.5, ge=0.5, le=1)  # 0.5 youth, 2/3 young adult, 1 old
-    muscle: float = Field(0.5, ge=0, le=1)
-    weight: float = Field(0.5, ge=0, le=1)
-    height: float = Field(0.5, ge=0, le=1)  # of a young man: 0 is 1.36 m, 1 is 2.45 m
-    proportions: float = Field(0.5, ge=0, le=1)  # 0 idealised, 1 uncommon
+    gender: Ratio = Field(0.5, ge=0, le=1, description="0 is male, 1 female.")
+    age: Ratio = Field(0.5, ge=0.5, le=1, description="0.5 is a youth, 2/3 a young adult, 1 old.")
+    muscle: Ratio = Field(0.5, ge=0, le=1, description="From the least muscles to the most.")
+    weight: Ratio = Field(0.5, ge=0, le=1, description="From the thinnest to the heaviest.")
+    height: Ratio = Field(0.5, ge=0, le=1, description="Of a young man, 0 is 1.36 m and 1 is 2.45 m.")
+    proportions: Ratio = Field(0.5, ge=0, le=1, description="0 is idealised, 1 uncommon.")
 
 
 def random_shape(seed: int) -> AnnyShape:

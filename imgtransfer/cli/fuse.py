@@ -137,9 +137,7 @@ def run(args: argparse.Namespace) -> None:
     _check_device(args.device)
     refuse_twice(args, {"solver": ("solver",)})
     changes = [*args.set, *([f"solver={args.solver}"] if args.solver else [])]
-    config = load_config(
-        FusionConfig, args.config, changes, wanted="YAML with hyper-parameters of the fusion"
-    )
+    config = load_config(FusionConfig, args.config, changes)
     ways = FuseOptions(config=config, positions_only=args.positions_only, erode=args.erode)
     if args.maps is not None:
         _fuse_file(args, ways)

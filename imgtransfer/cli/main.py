@@ -24,6 +24,7 @@ COMMANDS = (
     "export",
     "import_",
     "migrate",
+    "config",
     "doctor",
 )
 

@@ -80,10 +80,11 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Simulate, and say where the data set is."""
+    from imgtransfer.config.loader import load_config  # noqa: PLC0415
     from imgtransfer.importers.checks.findings import as_flag  # noqa: PLC0415
     from imgtransfer.importers.checks.template import as_setting  # noqa: PLC0415
     from imgtransfer.running.extras import check_installed  # noqa: PLC0415
-    from imgtransfer.simulation.config import load_config  # noqa: PLC0415
+    from imgtransfer.simulation.config import SimulateConfig  # noqa: PLC0415
     from imgtransfer.simulation.planning.job import simulate  # noqa: PLC0415
     from imgtransfer.simulation.planning.plan import plan  # noqa: PLC0415
     from imgtransfer.simulation.planning.sources import sorted_sources  # noqa: PLC0415
@@ -94,7 +95,7 @@ def run(args: argparse.Namespace) -> None:
     if len(configs) > 1:
         raise InputError(f"one configuration at a time, found {', '.join(str(path) for path in configs)}")
     refuse_twice(args, _DECIDED)
-    config = _with_meshes(args, load_config(configs[0] if configs else None, args.set))
+    config = _with_meshes(args, load_config(SimulateConfig, configs[0] if configs else None, args.set))
     sources = [path for path in args.sources if path not in configs]
     _check_used(args, sequences=bool(sorted_sources(sources)[1]))
     say = as_setting if args.template is None else as_flag

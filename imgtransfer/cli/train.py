@@ -35,14 +35,15 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> None:
     """Train, and say where the results are."""
-    from imgtransfer.training.config import load_config  # noqa: PLC0415
+    from imgtransfer.config.loader import load_config  # noqa: PLC0415
+    from imgtransfer.training.config import RunConfig  # noqa: PLC0415
     from imgtransfer.training.loop import CONFIG_FILE, LOG_FILE, train  # noqa: PLC0415
 
     changes = list(args.set)
     if args.data is not None:
         refuse_twice(args, {"data": ("data.source",)})
         changes.append(f"data.source={json.dumps(str(args.data))}")  # whatever the path, a text to YAML
-    config = load_config(args.config, changes)
+    config = load_config(RunConfig, args.config, changes)
     out = args.out or Path("runs") / args.config.stem
     model = train(config, out, resume=args.resume)
     print(f"model   {model}")

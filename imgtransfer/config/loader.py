@@ -1,4 +1,4 @@
-"""Configurations: from a YAML file and `--set`, or from either alone, to checked settings.
+"""Configurations: from a YAML file and `--set`, or from either alone, to checked settings, and back to YAML.
 
 Every command that takes a configuration reads it through here, so that they understand the same and complain alike.
 """
@@ -11,9 +11,11 @@ from pathlib import Path
 from reprlib import repr as shortened
 from typing import Any, TypeVar
 
+import yaml
 from pydantic import BaseModel, ValidationError
 
 from imgtransfer.config.bounded_yaml import DEEPEST, MOST_BYTES, check_bounds, load_bounded
+from imgtransfer.config.field_words import depends_on
 from imgtransfer.config.validation_messages import first_mistake
 from render import InputError
 from render.files.atomic import check_regular
@@ -26,7 +28,7 @@ def load_config(
     path: str | Path | None = None,
     changes: Sequence[str] = (),
     *,
-    wanted: str = "a YAML file of settings",
+    wanted: str | None = None,
 ) -> Model:
     """Read a configuration.
 
@@ -34,16 +36,17 @@ def load_config(
         model: what it must be; what is not said is the model's default.
         path: the file; None is an empty one.
         changes: "section.key=value" each, the value as YAML; they replace or add what the file says.
-        wanted: what the file should be, for the message when it is not there.
+        wanted: what the file should be, for the message when it is not there; None is the model's title.
 
     Raises:
         InputError: no such file, not YAML, an unknown key, a value out of its range, or a change that fits nowhere.
     """
+    wanted = wanted or model.model_config.get("title") or "a YAML file of settings"
     content = {} if path is None else read_yaml(path, wanted)
-    return checked(model, content, "--set" if path is None else str(path), changes)
+    return parse_config(model, content, "--set" if path is None else str(path), changes)
 
 
-def checked(model: type[Model], content: Any, source: str, changes: Sequence[str] = ()) -> Model:
+def parse_config(model: type[Model], content: Any, source: str, changes: Sequence[str] = ()) -> Model:
     """Check the parsed content of a configuration, changed by `changes`.
 
     Args:
@@ -54,8 +57,8 @@ def checked(model: type[Model], content: Any, source: str, changes: Sequence[str
     """
     content = {} if content is None else content
     if not isinstance(content, dict):
-        found = "a list" if isinstance(content, list) else f"only {shortened(content)}"
-        raise InputError(f"{source}: a mapping of settings is wanted, found {found}")
+        kind = "a list" if isinstance(content, list) else f"only {shortened(content)}"
+        raise InputError(f"{source}: a mapping of settings is wanted, found {kind}")
     content = with_changes(content, changes)
     check_bounds(content, source)
     try:
@@ -64,6 +67,26 @@ def checked(model: type[Model], content: Any, source: str, changes: Sequence[str
         key, text = first_mistake(error, model, content)
         changed = [change for change in changes if _concerns(change, key)]
         raise InputError(f"{f'--set {changed[-1]}' if changed else source}: {text}") from error
+
+
+def to_yaml(config: BaseModel) -> str:
+    """All values, the defaults too, as YAML that `load_config` reads back."""
+    return yaml.safe_dump(plain_values(config), sort_keys=False)
+
+
+def plain_values(config: BaseModel) -> dict[str, Any]:
+    """All values as YAML has them, without those that depend on another key and are not set."""
+    values: dict[str, Any] = config.model_dump(mode="json")
+    for name, field in type(config).model_fields.items():
+        if name not in config.model_fields_set and depends_on(field) is not None:
+            del values[name]
+            continue
+        value = getattr(config, name)
+        if isinstance(value, BaseModel):
+            values[name] = plain_values(value)
+        elif isinstance(value, tuple) and any(isinstance(item, BaseModel) for item in value):
+            values[name] = [plain_values(item) for item in value]
+    return values
 
 
 def read_yaml(path: str | Path, wanted: str = "a YAML file") -> Any:

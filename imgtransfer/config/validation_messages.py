@@ -1,15 +1,16 @@
-"""What is wrong in a configuration, in one line: the key as the user wrote it, what was found, what is allowed."""
+"""What is wrong in a configuration, in one line: the key as the user wrote it, what is there, what is allowed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from difflib import get_close_matches
 from reprlib import repr as shortened
-from typing import Any, get_args
+from typing import Any
 
-import annotated_types as bounds
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
+
+from imgtransfer.config.field_words import kind_of, models_of, number_words
 
 _NUMBERS = ("float_type", "float_parsing", "int_type", "int_parsing", "int_from_float", "finite_number")
 _RANGES = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
@@ -41,8 +42,8 @@ def first_mistake(
     # A key that does not exist tells more than the missing one that it was meant to be.
     mistakes = sorted(error.errors(), key=lambda one: one["type"] == "missing")
     mistake = mistakes[0]
-    keys, holder, found = _place(model, given, mistake["loc"])
-    text = _wrong(mistake, keys, holder, found)
+    keys, holder, value = _place(model, given, mistake["loc"])
+    text = _wrong(mistake, keys, holder, value)
     others = {_place(model, given, other["loc"])[0] for other in mistakes} - {keys}
     more = f" (and {len(others)} more)" if others else ""
     key = ".".join(str(part) for part in keys)
@@ -62,7 +63,7 @@ def _place(
         there = (isinstance(given, Mapping) and part in given) or (
             isinstance(given, list) and isinstance(part, int) and part < len(given)
         )
-        chosen = [one for one in inner if _tag(one) == part] if not there else []
+        chosen = [one for one in inner if kind_of(one) == part] if not there else []
         if isinstance(part, str) and len(inner) == 1:
             chosen = inner
         if chosen:
@@ -72,29 +73,16 @@ def _place(
             continue  # the name of an alternative, such as template, float or tuple
         if isinstance(part, str):
             field = holder.model_fields.get(part)
-            inner = [] if field is None else list(_models(field.annotation))
+            inner = [] if field is None else list(models_of(field.annotation))
         keys.append(part)
         given = given[part] if there else None
     return tuple(keys), holder, given
 
 
-def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The models among the alternatives and items of an annotation."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for part in get_args(annotation):
-        yield from _models(part)
-
-
-def _tag(model: type[BaseModel]) -> Any:
-    field = model.model_fields.get("kind")
-    return None if field is None else field.default
-
-
-def _wrong(mistake: Any, keys: tuple[int | str, ...], holder: type[BaseModel], found: Any) -> str:
+def _wrong(mistake: Any, keys: tuple[int | str, ...], holder: type[BaseModel], value: Any) -> str:
     """What is wrong with a key, or with a choice between alternatives."""
     kind, context = mistake["type"], mistake.get("ctx", {})
-    section = _tag(holder) or next((str(key) for key in keys[-2::-1] if isinstance(key, str)), "")
+    section = kind_of(holder) or next((str(key) for key in keys[-2::-1] if isinstance(key, str)), "")
     if kind == "extra_forbidden":
         names = sorted(set(holder.model_fields) - {"kind"})
         close = get_close_matches(str(keys[-1]), names, n=1)
@@ -102,11 +90,11 @@ def _wrong(mistake: Any, keys: tuple[int | str, ...], holder: type[BaseModel], f
         return f"no such setting{f' of {section}' if section else ''}{hint} are {', '.join(names)}"
     if kind == "missing":
         return f"missing; {section or 'the configuration'} needs it"
-    if kind == "union_tag_invalid" and isinstance(found, Mapping):
-        return f"no kind {found.get('kind')!r}; there are {context['expected_tags'].replace(chr(39), '')}"
+    if kind == "union_tag_invalid" and isinstance(value, Mapping):
+        return f"no kind {value.get('kind')!r}; there are {context['expected_tags'].replace(chr(39), '')}"
     if kind == "value_error":
         return str(context["error"])
-    return f"{_wanted(mistake, holder.model_fields.get(str(keys[-1])) if keys else None)}, found {shortened(found)}"
+    return f"{_wanted(mistake, holder.model_fields.get(str(keys[-1])) if keys else None)}, found {shortened(value)}"
 
 
 def _wanted(mistake: Any, field: FieldInfo | None) -> str:
@@ -115,45 +103,7 @@ def _wanted(mistake: Any, field: FieldInfo | None) -> str:
     if kind == "literal_error":
         return f"one of {context['expected'].replace(chr(39), '').replace(' or ', ', ')} is wanted"
     if kind in _RANGES or kind in _NUMBERS:
-        several = (
-            ", or a list of two such numbers" if field is not None and _or_pair(field.annotation) else ""
-        )
-        return f"{_range(field)} is wanted{several}"
+        return number_words(field)
     if kind in _KINDS:
         return f"{_KINDS[kind]} is wanted"
     return f"{mistake['msg'][:1].lower()}{mistake['msg'][1:]}"
-
-
-def _or_pair(annotation: Any) -> bool:
-    return any(getattr(part, "__origin__", None) is tuple for part in get_args(annotation))
-
-
-def _range(field: FieldInfo | None) -> str:
-    """The numbers that a field allows, in words."""
-    metadata = list(field.metadata) if field is not None else []
-    for part in get_args(field.annotation) if field is not None else ():
-        metadata += getattr(part, "__metadata__", ())
-    limits = []
-    for constraint in _flat(metadata):
-        if isinstance(constraint, bounds.Gt):
-            limits.append(f"above {constraint.gt:g}")
-        elif isinstance(constraint, bounds.Ge):
-            limits.append(f"from {constraint.ge:g} on")
-        elif isinstance(constraint, bounds.Lt):
-            limits.append(f"below {constraint.lt:g}")
-        elif isinstance(constraint, bounds.Le):
-            limits.append(f"up to {constraint.le:g}")
-    whole = field is not None and int in (field.annotation, *get_args(field.annotation))
-    number = "a whole number" if whole else "a number"
-    return (
-        f"{number} {' and '.join(limits)}".replace(" on and up to", " to").replace(" on and", " and").rstrip()
-    )
-
-
-def _flat(metadata: list[Any]) -> Iterator[Any]:
-    """Constraints one by one; a `Field` inside `Annotated` holds its own."""
-    for one in metadata:
-        if isinstance(one, FieldInfo):
-            yield from one.metadata
-        else:
-            yield one

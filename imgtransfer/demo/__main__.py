@@ -27,12 +27,13 @@ def main() -> int:
 
 
 def _demo(args: argparse.Namespace) -> None:
+    from imgtransfer.config.loader import load_config  # noqa: PLC0415
     from imgtransfer.demo.run import CHECKPOINT, DEMO_CONFIG, SAMPLE_DATA, run_demo  # noqa: PLC0415
     from imgtransfer.demo.training import Length  # noqa: PLC0415
     from imgtransfer.evaluation.table import metrics_table  # noqa: PLC0415
-    from imgtransfer.training.config import load_config  # noqa: PLC0415
+    from imgtransfer.training.config import RunConfig  # noqa: PLC0415
 
-    config = load_config(DEMO_CONFIG, [f"data.source={json.dumps(str(SAMPLE_DATA))}"])
+    config = load_config(RunConfig, DEMO_CONFIG, [f"data.source={json.dumps(str(SAMPLE_DATA))}"])
     out: Path = args.out
     metrics = run_demo(out, config, CHECKPOINT, Length(steps=args.steps, minutes=args.minutes))
     print(f"\n{metrics_table(metrics, first='method')}\n")

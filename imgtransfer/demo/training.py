@@ -11,8 +11,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from imgtransfer.config.loader import load_config
 from imgtransfer.training.checkpoint import STATE_FILE, STATE_FORMAT, read_tensors
-from imgtransfer.training.config import RunConfig, load_config
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import train
 from imgtransfer.training.remaining import duration, say_remaining
 from imgtransfer.training.run_folder import CONFIG_FILE, may_go_on, only_trainer
@@ -73,7 +74,7 @@ def _goes_on(folder: Path, config: RunConfig) -> bool:
         return False
     state = folder / STATE_FILE
     done = int(read_tensors(state, STATE_FORMAT)[1]["step"]) if state.exists() else 0
-    return may_go_on(load_config(folder / CONFIG_FILE), config) and done <= config.training.steps
+    return may_go_on(load_config(RunConfig, folder / CONFIG_FILE), config) and done <= config.training.steps
 
 
 def _tell(seconds: float) -> None:

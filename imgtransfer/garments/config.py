@@ -5,26 +5,34 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from annotated_types import Unit
+from pydantic import Discriminator, Field, Tag, model_validator
 
+from imgtransfer.config.schema import DependsOn, Metres, Ratio, Section
 from imgtransfer.importers.checks.axes import UNITS, Axes, usual_facing
 from imgtransfer.importers.job import clip_name
 from imgtransfer.running.fingerprint import files_fingerprint
 
 NAME = r"^[\w-][\w.-]*$"  # of a garment in a data set
 Detail = Literal["full", "small"]
+_LENGTH = "Where the hem is, as a fraction of the distance from the hip joints to the ankles."
+_SLEEVE = "Fraction of the arm, from shoulder to wrist, that is covered."
+_NECK = "From the base of the neck down to the neckline."
 
 
-class _Garment(BaseModel):
+class _Garment(Section):
     """What every garment made by the project has."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     # Edge length, metres, by `detail`: near the public sets' resolution, and for work on CPUs.
     edge_lengths: ClassVar[dict[Detail, float]]
 
-    detail: Detail = "full"
-    edge_length: float | None = Field(None, gt=0.005, lt=0.1)  # metres; in place of what `detail` says
-    smoothing: float = Field(0.025, gt=0.0, lt=0.1)  # metres, how far hollows of the body are bridged
+    detail: Detail = Field(
+        "full", description="How fine the mesh is: `full` as the public sets' garments, `small` for CPUs."
+    )
+    edge_length: Metres | None = Field(
+        None, gt=0.005, lt=0.1, description="Mean length of the mesh's edges; null is what `detail` says."
+    )
+    smoothing: Metres = Field(0.025, gt=0.0, lt=0.1, description="How far hollows of the body are bridged.")
 
     @property
     def title(self) -> str:
@@ -40,11 +48,13 @@ class _Garment(BaseModel):
 class _Upper(_Garment):
     """A garment that hangs from the shoulders: openings at the neck, two sleeves and the hem."""
 
-    ease: float = Field(0.022, gt=0.005, lt=0.1)  # metres to the (smoothed) body
-    length: float = Field(0.06, ge=-0.3, le=0.95)  # hem, share of the way from the hip joints to the ankles
-    flare: float = Field(0.04, ge=0.0, le=0.8)  # ease gained, metres a metre, below the chest or the waist
-    sleeve: float = Field(0.28, ge=0.12, le=0.92)  # share of the arm, shoulder to wrist, that is covered
-    neck: float = Field(0.02, ge=0.0, le=0.15)  # metres from the base of the neck down to the neckline
+    ease: Metres = Field(0.022, gt=0.005, lt=0.1, description="Distance to the (smoothed) body.")
+    length: Ratio = Field(0.06, ge=-0.3, le=0.95, description=_LENGTH)
+    flare: Ratio = Field(
+        0.04, ge=0.0, le=0.8, description="Ease gained, metres a metre, below the chest or the waist."
+    )
+    sleeve: Ratio = Field(0.28, ge=0.12, le=0.92, description=_SLEEVE)
+    neck: Metres = Field(0.02, ge=0.0, le=0.15, description=_NECK)
 
 
 class TShirtConfig(_Upper):
@@ -52,7 +62,7 @@ class TShirtConfig(_Upper):
 
     edge_lengths: ClassVar[dict[Detail, float]] = {"full": 0.0127, "small": 0.0192}
 
-    kind: Literal["tshirt"] = "tshirt"
+    kind: Literal["tshirt"] = Field("tshirt", description="A T-shirt.")
 
 
 class DressConfig(_Upper):
@@ -60,21 +70,24 @@ class DressConfig(_Upper):
 
     edge_lengths: ClassVar[dict[Detail, float]] = {"full": 0.0103, "small": 0.0275}
 
-    kind: Literal["dress"] = "dress"
-    length: float = Field(0.48, ge=0.05, le=0.95)
-    flare: float = Field(0.20, ge=0.0, le=0.8)
-    sleeve: float = Field(0.20, ge=0.12, le=0.92)
-    neck: float = Field(0.03, ge=0.0, le=0.15)
+    kind: Literal["dress"] = Field("dress", description="A dress, flared from the waist.")
+    length: Ratio = Field(0.48, ge=0.05, le=0.95, description=_LENGTH)
+    flare: Ratio = Field(0.20, ge=0.0, le=0.8, description="Ease gained, metres a metre, below the waist.")
+    sleeve: Ratio = Field(0.20, ge=0.12, le=0.92, description=_SLEEVE)
+    neck: Metres = Field(0.03, ge=0.0, le=0.15, description=_NECK)
 
 
 class _Lower(_Garment):
     """A garment that hangs from the waist."""
 
-    ease: float = Field(
-        0.022, gt=0.005, lt=0.1
-    )  # metres to the body, from a hand's width below the waistband
-    waist_ease: float = Field(0.008, ge=0.005, lt=0.05)  # metres to the body at the waistband
-    waist: float = Field(0.0, ge=-0.15, le=0.08)  # metres from the natural waist up to the waistband
+    ease: Metres = Field(
+        0.022,
+        gt=0.005,
+        lt=0.1,
+        description="Distance to the body, from a hand's width below the waistband.",
+    )
+    waist_ease: Metres = Field(0.008, ge=0.005, lt=0.05, description="Distance to the body at the waistband.")
+    waist: Metres = Field(0.0, ge=-0.15, le=0.08, description="From the natural waist up to the waistband.")
 
 
 class SkirtConfig(_Lower):
@@ -82,9 +95,11 @@ class SkirtConfig(_Lower):
 
     edge_lengths: ClassVar[dict[Detail, float]] = {"full": 0.0129, "small": 0.022}
 
-    kind: Literal["skirt"] = "skirt"
-    length: float = Field(0.45, ge=0.05, le=0.95)  # hem, share of the way from the hip joints to the ankles
-    flare: float = Field(0.20, ge=0.0, le=0.8)  # ease gained, metres a metre
+    kind: Literal["skirt"] = Field("skirt", description="A skirt, flared from the waistband.")
+    length: Ratio = Field(0.45, ge=0.05, le=0.95, description=_LENGTH)
+    flare: Ratio = Field(
+        0.20, ge=0.0, le=0.8, description="Ease gained, metres a metre, below the waistband."
+    )
 
 
 class TrousersConfig(_Lower):
@@ -92,25 +107,31 @@ class TrousersConfig(_Lower):
 
     edge_lengths: ClassVar[dict[Detail, float]] = {"full": 0.0129, "small": 0.024}
 
-    kind: Literal["trousers"] = "trousers"
-    length: float = Field(0.93, ge=0.15, le=0.97)  # hems, share of the way from the hip joints to the ankles
-    flare: float = Field(0.03, ge=0.0, le=0.3)  # ease gained, metres a metre, below the hip joints
-    smoothing: float = Field(0.012, gt=0.0, lt=0.05)  # metres, how far hollows of the body are bridged
+    kind: Literal["trousers"] = Field("trousers", description="Trousers, or shorts.")
+    length: Ratio = Field(0.93, ge=0.15, le=0.97, description=_LENGTH)
+    flare: Ratio = Field(
+        0.03, ge=0.0, le=0.3, description="Ease gained, metres a metre, below the hip joints."
+    )
+    smoothing: Metres = Field(0.012, gt=0.0, lt=0.05, description="How far hollows of the body are bridged.")
 
 
 AxisName = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
-class MeshFile(BaseModel):
+class MeshFile(Section):
     """How the coordinates of a mesh file lie."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    up: AxisName = "y"  # the file's axis that points up
-    facing: AxisName | None = None  # the one that the body faces; None is z, or -y where z is up
-    unit: Literal["m", "cm", "mm", "dm", "in", "ft"] = "m"  # of the file
-    scale: float | None = Field(None, ge=1e-6, le=1e6)  # metres a unit of the file, in place of `unit`
-    weld: bool = False  # join seams that the file has split
+    up: AxisName = Field("y", description="The file's axis that points up.")
+    facing: AxisName | None = Field(
+        None, description="The file's axis that the body faces; null is z, or -y where z is up."
+    )
+    unit: Annotated[Literal["m", "cm", "mm", "dm", "in", "ft"], DependsOn("scale")] = Field(
+        "m", description="The file's unit of length; not together with `scale`."
+    )
+    scale: Annotated[float, Unit("m per unit of the file")] | None = Field(
+        None, ge=1e-6, le=1e6, description="In place of `unit`; null is what `unit` says."
+    )
+    weld: bool = Field(False, description="Join seams that the file has split.")
 
     @model_validator(mode="after")
     def _two_axes(self) -> MeshFile:
@@ -130,11 +151,16 @@ class MeshFile(BaseModel):
 class TemplateConfig(MeshFile):
     """The user's own garment mesh, made for the body that it is simulated on; outputs have its file's vertices."""
 
-    kind: Literal["template"] = "template"
-    path: Path
-    pinned: bool = False  # whether the topmost opening is a waistband, which stays where it is on the skin
-    anyway: bool = False  # take it although the checks of the mesh found something
-    name: str | None = Field(None, pattern=NAME)  # of the garment in data sets; from the file's name if None
+    kind: Literal["template"] = Field("template", description="Your own garment mesh.")
+    path: Path = Field(description="The mesh file (OBJ, PLY, GLB or STL), in the body's rest pose.")
+    pinned: bool = Field(
+        False,
+        description="Whether the topmost opening is a waistband, which stays where it is on the skin.",
+    )
+    anyway: bool = Field(False, description="Take it although the checks of the mesh object to it.")
+    name: str | None = Field(
+        None, pattern=NAME, description="Of the garment in data sets; null is the file's name."
+    )
 
     @property
     def title(self) -> str:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from annotated_types import Unit
+from pydantic import Field, field_validator, model_validator
 
+from imgtransfer.config.schema import Section
 from imgtransfer.data.canonical import RootMode
 from render import parse_views
 from render.limits import MAX_LAYERS, MAX_LENGTH
 
 
-class EncoderConfig(BaseModel):
+class EncoderConfig(Section):
     """The image encoder shared by garment and body.
 
     `kind` names where the encoder comes from; "vit" is a vision transformer trained from scratch, and the
@@ -19,14 +21,18 @@ class EncoderConfig(BaseModel):
     `network.vit.build_encoder`.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    kind: Literal["vit"] = "vit"
-    patch: Literal[4, 8, 16, 32] = 16
-    """Side of a square patch, pixels; the decoder has log2(patch) blocks."""
-    dim: int = Field(default=768, ge=8, le=8192)
-    depth: int = Field(default=12, ge=1, le=256)
-    heads: int = Field(default=12, ge=1, le=256)
+    kind: Literal["vit"] = Field("vit", description="A vision transformer, trained from scratch.")
+    patch: Annotated[Literal[4, 8, 16, 32], Unit("pixels")] = Field(
+        16, description="Side of a square patch; the decoder has log2(patch) blocks."
+    )
+    dim: int = Field(
+        768,
+        ge=8,
+        le=8192,
+        description="Features of a token; a multiple of 4, of `heads` and of `patch`, and of the refinement's `heads`.",
+    )
+    depth: int = Field(12, ge=1, le=256, description="Transformer blocks.")
+    heads: int = Field(12, ge=1, le=256, description="Heads of the attention in a transformer block.")
 
     @model_validator(mode="after")
     def _dim_divides(self) -> EncoderConfig:
@@ -40,22 +46,29 @@ class EncoderConfig(BaseModel):
         return self
 
 
-_Pixels = Annotated[int, Field(ge=1, le=MAX_LENGTH)]
+_Pixels = Annotated[int, Unit("pixels"), Field(ge=1, le=MAX_LENGTH)]
 
 
-class MapsConfig(BaseModel):
+class MapsConfig(Section):
     """How meshes become images."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    size: tuple[_Pixels, _Pixels] = (256, 256)
-    """(height, width), pixels."""
-    views: tuple[str, ...] = ("front", "back")
-    """As `render.parse_views` reads them: a list of sides and [azimuth, elevation], or `four`, or `ring:8`."""
-    layers: int = Field(default=1, ge=1, le=MAX_LAYERS)
-    """How many surfaces deep each view is imaged; layers that show nothing of the template are left out."""
-    root: RootMode = "root"
-    """What of the root's rotation the canonical frame removes: all, or only the heading."""
+    size: tuple[_Pixels, _Pixels] = Field((256, 256), description="Height and width.")
+    views: tuple[str, ...] = Field(
+        ("front", "back"),
+        description="Where the images are taken from: a list of sides (front, back, left, right) and [azimuth, "
+        "elevation] in degrees, or `four`, or `ring:8`.",
+    )
+    layers: int = Field(
+        1,
+        ge=1,
+        le=MAX_LAYERS,
+        description="How many surfaces deep each view is imaged; layers that show nothing of the template are left "
+        "out.",
+    )
+    root: RootMode = Field(
+        "root",
+        description="What of the root's rotation the canonical frame removes: all of it, or only the heading.",
+    )
 
     @field_validator("views", mode="before")
     @classmethod
@@ -65,27 +78,32 @@ class MapsConfig(BaseModel):
         return tuple(view.name for view in parse_views(views))
 
 
-class NetworkConfig(BaseModel):
+class NetworkConfig(Section):
     """One transfer network; the position and the normal network have the same (section 3.2, appendix C)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    encoder: EncoderConfig = EncoderConfig()
-    blocks: int = Field(default=4, ge=1, le=256)
-    """K, the number of refinement blocks."""
-    heads: int = Field(default=4, ge=1, le=256)
-    """Heads of the cross- and self-attention in a refinement block."""
-    target: Literal["absolute", "residual"] = "absolute"
-    """What the decoder predicts: the garment's image (the paper), or its difference to a first guess that
-    comes from the posed body's images (`network.base`)."""
-    frame: Literal["canonical", "body"] = "canonical"
-    """The axes of the residual and of the template's offset in the first guess: the canonical frame's, or
-    frames that turn with the body's surface. Only for `target: residual`."""
-
-    shortcuts: bool = False
-    """Ways past attention and convolutions, which learn slowly (`network.shortcuts`): the body's tokens and a
-    dense code of its whole image are added to the garment's tokens, and a linear map from tokens to patches
-    to the decoder's image. Not in the paper."""
+    encoder: EncoderConfig = Field(
+        EncoderConfig(), description="The image encoder shared by garment and body."
+    )
+    blocks: int = Field(4, ge=1, le=256, description="K, the number of refinement blocks.")
+    heads: int = Field(
+        4, ge=1, le=256, description="Heads of the cross- and self-attention in a refinement block."
+    )
+    target: Literal["absolute", "residual"] = Field(
+        "absolute",
+        description="What the decoder predicts: the garment's image (the paper), or its difference to a first guess "
+        "that comes from the posed body's images (`network.base`).",
+    )
+    frame: Literal["canonical", "body"] = Field(
+        "canonical",
+        description="The axes of the residual and of the template's offset in the first guess: the canonical frame's, "
+        "or frames that turn with the body's surface. `body` only with `target: residual`.",
+    )
+    shortcuts: bool = Field(
+        False,
+        description="Connections past attention and convolutions, which learn slowly (`network.shortcuts`): the body's "
+        "tokens and a dense code of its whole image are added to the garment's tokens, and a linear map from tokens "
+        "to patches to the decoder's image. Not in the paper.",
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> NetworkConfig:

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from annotated_types import Unit
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from imgtransfer.bodies.config import AnnyConfig, BodyConfig
-from imgtransfer.config import loader as config
+from imgtransfer.config.schema import (
+    Degrees,
+    DegreesPerSecond,
+    DependsOn,
+    FramesPerSecond,
+    Metres,
+    MetresPerSecond,
+    Percent,
+    Ratio,
+    Seconds,
+    Section,
+)
 from imgtransfer.garments.config import GarmentConfig, MeshFile, TShirtConfig
 from imgtransfer.motions.amass import UpAxis
 from imgtransfer.motions.check import PATH_SPEED, TURNING
@@ -24,25 +35,41 @@ from render.limits import FASTEST, SLOWEST
 _COTTON = FABRICS["cotton"]
 MOST_CLIPS = 100_000  # of one line
 Split = Literal["train", "validation", "test"]
+_OF_FABRIC = DependsOn("fabric")
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class ClothConfig(_Section):
+class ClothConfig(Section):
     """Material of the cloth and its contact with the body: those of a fabric, but for the values that are given."""
 
-    fabric: Fabric = "cotton"
-    density: float = Field(_COTTON["density"], gt=0, le=100)  # kg/m²
-    stretch: float = Field(_COTTON["stretch"], gt=0, le=1e9)  # N/m, both Lamé parameters of the membrane
-    bending: float = Field(_COTTON["bending"], ge=0, le=1e3)  # N·m, flexural rigidity
-    stretch_damping: float = Field(_COTTON["stretch_damping"], ge=0, le=1e3)  # s, relative to `stretch`
-    bending_damping: float = Field(_COTTON["bending_damping"], ge=0, le=1e3)  # s, relative to `bending`
-    friction: float = Field(_COTTON["friction"], ge=0, le=100)  # Coulomb coefficient against the skin
-    # Metres between vertices and skin: more than the cloth itself, because it keeps faces out of the skin, too.
-    thickness: float = Field(_COTTON["thickness"], gt=0, le=0.1)
-    contact_stiffness: float = Field(6000.0, gt=0, le=1e9)  # N/m per vertex
+    fabric: Fabric = Field("cotton", description="Whose values the cloth has where they are not given.")
+    density: Annotated[float, Unit("kg/m²"), _OF_FABRIC] = Field(
+        _COTTON["density"], gt=0, le=100, description="Mass of an area of the cloth."
+    )
+    stretch: Annotated[float, Unit("N/m"), _OF_FABRIC] = Field(
+        _COTTON["stretch"], gt=0, le=1e9, description="Both Lamé parameters of the membrane."
+    )
+    bending: Annotated[float, Unit("N·m"), _OF_FABRIC] = Field(
+        _COTTON["bending"], ge=0, le=1e3, description="Flexural rigidity."
+    )
+    stretch_damping: Annotated[Seconds, _OF_FABRIC] = Field(
+        _COTTON["stretch_damping"], ge=0, le=1e3, description="Damping relative to `stretch`."
+    )
+    bending_damping: Annotated[Seconds, _OF_FABRIC] = Field(
+        _COTTON["bending_damping"], ge=0, le=1e3, description="Damping relative to `bending`."
+    )
+    friction: Annotated[Ratio, _OF_FABRIC] = Field(
+        _COTTON["friction"], ge=0, le=100, description="Coulomb's coefficient against the skin."
+    )
+    thickness: Annotated[Metres, _OF_FABRIC] = Field(
+        _COTTON["thickness"],
+        gt=0,
+        le=0.1,
+        description="Between vertices and skin: more than the cloth itself, because it keeps faces out of the skin, "
+        "too.",
+    )
+    contact_stiffness: Annotated[float, Unit("N/m")] = Field(
+        6000.0, gt=0, le=1e9, description="Of the contact of a vertex with the skin."
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -53,20 +80,33 @@ class ClothConfig(_Section):
         return given
 
 
-class SolverConfig(_Section):
+class SolverConfig(Section):
     """Time stepping; more substeps and iterations stretch the cloth less and take longer."""
 
-    # How far, metres, the skin under the garment may move within a substep, apart from what moves all of it evenly.
-    # Each frame is cut into as many substeps as that takes.
-    step_length: float = Field(0.003, gt=0, le=10)
-    min_substeps: int = Field(10, ge=1, le=10**4)  # of a frame, however slow
-    max_substeps: int = Field(24, ge=1, le=10**4)  # of a frame, however fast
-    iterations: int = Field(4, ge=1, le=10**4)  # of vertex block descent, a substep
-    # Factor on every move of a vertex. 1.5 leaves about half the stretch that 1 does; 2 would not come to rest.
-    relaxation: float = Field(1.5, ge=0.5, lt=1.9)
-    settle_seconds: float = Field(0.8, ge=0, le=600)  # the cloth comes to rest on the resting body
-    warm_up_seconds: float = Field(0.7, gt=0, le=600)  # from the rest pose to the first frame; not recorded
-    self_contact: bool = False  # whether the cloth collides with itself
+    step_length: Metres = Field(
+        0.003,
+        gt=0,
+        le=10,
+        description="How far the skin under the garment may move within a substep, apart from what moves all of it "
+        "evenly. Each frame is cut into as many substeps as that takes.",
+    )
+    min_substeps: int = Field(10, ge=1, le=10**4, description="Substeps of a frame, however slow.")
+    max_substeps: int = Field(24, ge=1, le=10**4, description="Substeps of a frame, however fast.")
+    iterations: int = Field(4, ge=1, le=10**4, description="Of vertex block descent, a substep.")
+    relaxation: Ratio = Field(
+        1.5,
+        ge=0.5,
+        lt=1.9,
+        description="Factor on every move of a vertex. 1.5 leaves about half the stretch that 1 does; 2 would not come "
+        "to rest.",
+    )
+    settle_seconds: Seconds = Field(
+        0.8, ge=0, le=600, description="For the cloth to come to rest on the resting body; not recorded."
+    )
+    warm_up_seconds: Seconds = Field(
+        0.7, gt=0, le=600, description="From the rest pose to the first frame; not recorded."
+    )
+    self_contact: bool = Field(False, description="Whether the cloth collides with itself.")
 
     @model_validator(mode="after")
     def _ordered(self) -> SolverConfig:
@@ -82,36 +122,56 @@ class SolverConfig(_Section):
         return self.model_copy(update={"step_length": self.step_length / 2, **doubled})
 
 
-class GateConfig(_Section):
+class GateConfig(Section):
     """What a simulated clip must keep to; otherwise it is tried once more with twice the substeps, then rejected."""
 
     model_config = ConfigDict(allow_inf_nan=True)  # .inf turns a gate off
 
-    median_stretch: float = Field(0.08, ge=0)  # |median of edge length / rest length - 1|
-    p99_stretch: float = Field(1.6, ge=0)  # 99th percentile of edge length / rest length
-    # The same of a single frame: more where a limb has gone through the cloth, or limbs have crushed it between them.
-    worst_p99_stretch: float = Field(2.0, ge=0)
-    sunk_percent: float = Field(6.0, ge=0)  # vertices inside the body before they are pushed out, on average
-    penetration_percent: float = Field(0.5, ge=0)  # vertices still inside the body afterwards, frames' mean
-    speed: float = Field(4.0, ge=0)  # m/s by which a vertex may be faster than the fastest point of the body
-    reach: float = Field(0.5, ge=0)  # metres, the largest distance of a vertex to the body
-    energy_spike: float = Field(4.0, ge=0)  # kinetic energy of a frame over that of the frames around it
-    jitter: float = Field(0.002, ge=0)  # metres, 95th percentile of vertices' shaking while the body rests
+    median_stretch: Ratio = Field(0.08, ge=0, description="|Median of edge length / rest length - 1|.")
+    p99_stretch: Ratio = Field(1.6, ge=0, description="99th percentile of edge length / rest length.")
+    worst_p99_stretch: Ratio = Field(
+        2.0,
+        ge=0,
+        description="The same of a single frame: more where a limb has gone through the cloth, or limbs have "
+        "crushed it between them.",
+    )
+    sunk_percent: Percent = Field(
+        6.0, ge=0, description="Vertices inside the body before they are pushed out, frames' mean."
+    )
+    penetration_percent: Percent = Field(
+        0.5, ge=0, description="Vertices still inside the body afterwards, frames' mean."
+    )
+    speed: MetresPerSecond = Field(
+        4.0, ge=0, description="By which a vertex may be faster than the fastest point of the body."
+    )
+    reach: Metres = Field(0.5, ge=0, description="Largest distance of a vertex to the body.")
+    energy_spike: Ratio = Field(
+        4.0, ge=0, description="Kinetic energy of a frame over that of the frames around it."
+    )
+    jitter: Metres = Field(
+        0.002, ge=0, description="95th percentile of vertices' shaking while the body rests."
+    )
 
 
-_Tempo = Annotated[float, Field(ge=0.01, le=100)]
+_Tempo = Annotated[Ratio, Field(ge=0.01, le=100)]
 
 
-class LibraryMotion(_Section):
+class LibraryMotion(Section):
     """Clips from the motion library: one a seed, or one for each of the seeds from `seed` to `last_seed`."""
 
-    motion: str
-    seed: int = Field(0, ge=0, lt=2**63)
-    last_seed: int | None = Field(None, ge=0, lt=2**63)
-    tempo: _Tempo | tuple[_Tempo, _Tempo] = 1.0  # a range is drawn from by seed
-    seconds: float = Field(2.5, gt=0, le=3600)
-    split: Split = "train"
-    garments: tuple[str, ...] = ()  # simulated in these only, named by kind; in all of them if empty
+    motion: str = Field(description=f"Its kind: {', '.join(KINDS)}.")
+    seed: int = Field(0, ge=0, lt=2**63, description="What the motion is drawn by.")
+    last_seed: int | None = Field(
+        None, ge=0, lt=2**63, description="One clip for each seed up to this one; null is `seed` alone."
+    )
+    tempo: _Tempo | tuple[_Tempo, _Tempo] = Field(
+        1.0, description="How many times as fast as usual; a range is drawn from by seed."
+    )
+    seconds: Seconds = Field(2.5, gt=0, le=3600, description="Duration of a clip.")
+    split: Split = Field("train", description="Which split of the data set the clips belong to.")
+    garments: tuple[str, ...] = Field(
+        (), description="Simulated in these only, named by kind; in all of them if empty."
+    )
 
     @field_validator("motion")
     @classmethod
@@ -139,15 +199,26 @@ class LibraryMotion(_Section):
         return made
 
 
-class FileMotions(_Section):
+class FileMotions(Section):
     """How motion files given on the command line are treated; clips that no pattern names are for training."""
 
-    test: tuple[str, ...] = ()  # glob patterns of file names without suffix
-    validation: tuple[str, ...] = ()
-    arms_out: float = Field(6.0, ge=0, le=30)  # degrees
-    up_axis: UpAxis = "auto"  # of npz files; "auto" looks at which way the body stands
-    turning: float = Field(TURNING, gt=0, le=1e9)  # degrees a second of a joint; faster motions are left out
-    path_speed: float = Field(PATH_SPEED, gt=0, le=1e9)  # m/s of the pelvis; faster motions are left out
+    test: tuple[str, ...] = Field((), description="Glob patterns of file names without suffix, for testing.")
+    validation: tuple[str, ...] = Field((), description="The same, for validation.")
+    arms_out: Degrees = Field(
+        6.0,
+        ge=0,
+        le=30,
+        description="How far hanging arms are turned away from the trunk, so that cloth has room between them.",
+    )
+    up_axis: UpAxis = Field(
+        "auto", description="Of npz files; `auto` is the axis along which the body stands."
+    )
+    turning: DegreesPerSecond = Field(
+        TURNING, gt=0, le=1e9, description="Of a joint; faster motions are left out."
+    )
+    path_speed: MetresPerSecond = Field(
+        PATH_SPEED, gt=0, le=1e9, description="Of the pelvis; faster motions are left out."
+    )
 
     def split(self, name: str) -> Split:
         """Which split a motion file belongs to."""
@@ -164,32 +235,58 @@ class FileMotions(_Section):
 class SequenceFiles(MeshFile):
     """How body mesh sequences given on the command line are read; `files` says which split they belong to."""
 
-    fps: float | None = Field(
-        None, ge=SLOWEST, le=FASTEST
-    )  # of the files; None is what they say themselves, else 30
-    body_rest: Path | None = None  # the body at rest; None is body_rest.obj beside or above the frames
-    speed: float = Field(30.0, gt=0, le=1e9)  # m/s of a vertex; faster sequences are left out
+    fps: FramesPerSecond | None = Field(
+        None, ge=SLOWEST, le=FASTEST, description="Of the files; null is what they say themselves, else 30."
+    )
+    body_rest: Path | None = Field(
+        None, description="The body at rest; null is body_rest.obj beside or above the frames."
+    )
+    speed: MetresPerSecond = Field(
+        30.0, gt=0, le=1e9, description="Of a vertex; faster sequences are left out."
+    )
 
 
-class SimulateConfig(_Section):
+class SimulateConfig(Section):
     """A data set to simulate. Unknown keys are refused."""
 
-    title: str = ""
-    licence: str = "CC0-1.0"
-    source: str = ""
-    fps: float = Field(30.0, ge=SLOWEST, le=FASTEST)
-    body: BodyConfig = AnnyConfig()
-    garment: GarmentConfig = TShirtConfig()
-    # Several in place of the one: every motion is simulated in every garment, on the bodies in turn or on every body.
-    bodies: tuple[BodyConfig, ...] = ()
-    garments: tuple[GarmentConfig, ...] = ()
-    every_body: bool = False
-    cloth: ClothConfig = ClothConfig()
-    solver: SolverConfig = SolverConfig()
-    gates: GateConfig = GateConfig()
-    files: FileMotions = FileMotions()
-    sequences: SequenceFiles = SequenceFiles()
-    clips: tuple[LibraryMotion, ...] = ()
+    model_config = ConfigDict(title="a YAML file such as configs/data/sample.yaml")
+
+    title: str = Field("", description="Of the data set.")
+    licence: str = Field("CC0-1.0", description="Of the data set, in words or by its SPDX identifier.")
+    source: str = Field("", description="Where body and motions come from, in words.")
+    fps: FramesPerSecond = Field(30.0, ge=SLOWEST, le=FASTEST, description="Of the clips.")
+    body: BodyConfig = Field(AnnyConfig(), description="The body.")
+    garment: GarmentConfig = Field(TShirtConfig(), description="The garment.")
+    bodies: tuple[BodyConfig, ...] = Field(
+        (), description="Several in place of `body`: worn by these in turn, or by every one (`every_body`)."
+    )
+    garments: tuple[GarmentConfig, ...] = Field(
+        (), description="Several in place of `garment`: every motion is simulated in each of them."
+    )
+    every_body: bool = Field(
+        False, description="Whether every motion is simulated on all `bodies`, rather than on them in turn."
+    )
+    cloth: ClothConfig = Field(
+        ClothConfig(), description="The cloth's material and its contact with the body."
+    )
+    solver: SolverConfig = Field(
+        SolverConfig(),
+        description="Time stepping; more substeps and iterations stretch the cloth less and take longer.",
+    )
+    gates: GateConfig = Field(
+        GateConfig(),
+        description="What a simulated clip must keep to; otherwise it is tried once more with twice the substeps, then "
+        "rejected. .inf turns a gate off.",
+    )
+    files: FileMotions = Field(
+        FileMotions(),
+        description="Motion files given on the command line; clips that no pattern names are for training.",
+    )
+    sequences: SequenceFiles = Field(
+        SequenceFiles(),
+        description="Body mesh sequences given on the command line; `files` says which split they belong to.",
+    )
+    clips: tuple[LibraryMotion, ...] = Field((), description="Clips from the motion library.")
 
     @model_validator(mode="after")
     def _garments_known(self) -> SimulateConfig:
@@ -211,14 +308,3 @@ class SimulateConfig(_Section):
                 self.model_copy(update={"garment": garment, "body": body, **several}) for body in worn_by
             ]
         return chosen
-
-
-def load_config(path: str | Path | None = None, changes: Sequence[str] = ()) -> SimulateConfig:
-    """Read a YAML file, or only `changes`, "section.key=value" each, which replace or add what it says.
-
-    Raises:
-        InputError: no such file, not YAML, an unknown key or a value out of range; names the first.
-    """
-    return config.load_config(
-        SimulateConfig, path, changes, wanted="a YAML file such as configs/data/sample.yaml"
-    )

@@ -10,9 +10,10 @@ from typing import Any
 
 from tqdm import tqdm
 
+from imgtransfer.config.loader import to_yaml
 from imgtransfer.running.stopping import stop_between_steps
 from imgtransfer.training.checkpoint import MODEL_FILE
-from imgtransfer.training.config import RunConfig, to_yaml
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.log import LOG_FILE, log_from
 from imgtransfer.training.remaining import Remaining, say_remaining
 from imgtransfer.training.run_folder import CONFIG_FILE, check_steps, only_trainer, state_to_resume

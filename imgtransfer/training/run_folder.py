@@ -11,8 +11,9 @@ from fcntl import LOCK_EX, LOCK_NB, flock
 from pathlib import Path
 from typing import Any
 
+from imgtransfer.config.loader import load_config
 from imgtransfer.training.checkpoint import MODEL_FILE, STATE_FILE
-from imgtransfer.training.config import RunConfig, load_config
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.trainer import learning_rate
 from render import InputError
 
@@ -112,7 +113,7 @@ def state_to_resume(out: Path, config: RunConfig, *, resume: bool) -> bool:
 
 def _check_same(out: Path, config: RunConfig) -> None:
     """Raise InputError where a setting that decides the result has changed; say which others have."""
-    changed = _changed(load_config(out / CONFIG_FILE), config)
+    changed = _changed(load_config(RunConfig, out / CONFIG_FILE), config)
     for key, text in changed.items():
         if key not in FREE_ON_RESUME:
             raise InputError(
@@ -133,7 +134,7 @@ def check_steps(out: Path, config: RunConfig, step: int) -> None:
     Raises:
         InputError: fewer steps than the run has done already.
     """
-    options, before = config.training, load_config(out / CONFIG_FILE).training
+    options, before = config.training, load_config(RunConfig, out / CONFIG_FILE).training
     if options.steps < step:
         raise InputError(
             f"{out}: training.steps is {options.steps}, but the run has done {step} already; at least {step} are wanted"

@@ -17,8 +17,9 @@ from pathlib import Path
 # This folder's own render.py must not hide the package.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from imgtransfer.config.loader import load_config
 from imgtransfer.running.waiting import CHOSEN_BY
-from imgtransfer.training.config import load_config
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.trainer import Trainer
 from scripts.bench.measuring import interleaved
 
@@ -112,7 +113,7 @@ def _stay() -> None:
 
 def _serve(config: Path, changes: Sequence[str]) -> None:
     _stay()
-    trainer = Trainer(load_config(config, changes))
+    trainer = Trainer(load_config(RunConfig, config, changes))
     for _ in sys.stdin:
         trainer.train_step()
         print("done", flush=True)

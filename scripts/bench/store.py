@@ -31,11 +31,12 @@ import torch
 # This folder's own render.py must not hide the package.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from imgtransfer.config.loader import load_config
 from imgtransfer.data import grid
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import clip_refs
 from imgtransfer.data.store import DataSet
-from imgtransfer.training.config import load_config
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.trainer import Trainer
 from scripts.bench import shapes
@@ -118,7 +119,7 @@ def _store(path: Path, clip: Clip, *, clips: int, rounds: int) -> dict[str, floa
 def _trainer(path: Path, quick: bool) -> dict[str, float]:
     changes = ["maps.size=[32, 32]"] if quick else []
     source = [f"data.source={path}", "data.validation={split: train}", f"training.batch_frames={BATCH}"]
-    trainer = Trainer(load_config(CONFIG, [*changes, *source, "training.threads=1"]))
+    trainer = Trainer(load_config(RunConfig, CONFIG, [*changes, *source, "training.threads=1"]))
     times = interleaved({"step": trainer.train_step}, rounds=1 if quick else 5)
     return {"trainer_frames_per_s": BATCH / times.s("step")}
 

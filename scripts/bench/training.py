@@ -33,11 +33,12 @@ from torch.nn import functional
 # This folder's own render.py must not hide the package.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from imgtransfer.config.loader import load_config
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.network.attention import Attention
 from imgtransfer.network.decoder import Decoder
 from imgtransfer.network.local_frames import nearest_rotation
-from imgtransfer.training.config import load_config
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.trainer import Trainer
 from scripts.bench import neighbours, shapes
 from scripts.bench.measuring import Results, command, interleaved
@@ -61,7 +62,7 @@ def measure(quick: bool) -> Results:
         # With one thread nothing waits, and a quick run is quick beside other processes, too.
         as_ours = [f"training.precision={chosen}", f"training.threads={1 if quick else neighbours.CORES}"]
         beside = neighbours.measure(CONFIG, [*changes, *data, *as_ours], min(rounds, 5))
-    config = load_config(CONFIG, changes)
+    config = load_config(RunConfig, CONFIG, changes)
     images, dim = config.training.batch_frames * len(config.maps.views), config.network.encoder.dim
     heads = config.network.encoder.heads
     parts: dict[str, float] = {}
@@ -82,7 +83,7 @@ def _step(changes: list[str], rounds: int) -> tuple[dict[str, float], str]:
     """The numbers, and the number type that `precision: auto` takes here."""
 
     def trainer(*more: str) -> Trainer:
-        return Trainer(load_config(CONFIG, [*changes, "training.threads=1", *more]))
+        return Trainer(load_config(RunConfig, CONFIG, [*changes, "training.threads=1", *more]))
 
     ours, patch8 = trainer(), trainer("network.encoder.patch=8")
     by_type = {name: trainer(f"training.precision={name}") for name in PRECISIONS}

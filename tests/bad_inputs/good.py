@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 
 from imgtransfer.cli.main import main
+from imgtransfer.config.loader import parse_config, to_yaml
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.data.packing import pack
 from imgtransfer.data.store import DataSet
 from imgtransfer.training.checkpoint import save_model
-from imgtransfer.training.config import RunConfig, parse_config, to_yaml
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.trainer import Trainer
 from render import load_maps, save_maps
 from tests.bad_inputs.good_foreign import write_meshes, write_motions, write_public_sets
@@ -80,7 +81,9 @@ def _write_run() -> None:
     """run.yaml, and in run/ what it leaves when it is stopped after two of its three steps."""
     source = {"source": "set", "validation": {"split": "validation"}}
     steps = {"steps": 3, "validate_every_steps": 2, "checkpoint_every_steps": 2}
-    config: RunConfig = parse_config(SMALL | {"data": source, "training": SMALL["training"] | steps}, "run")
+    config: RunConfig = parse_config(
+        RunConfig, SMALL | {"data": source, "training": SMALL["training"] | steps}, "run"
+    )
     Path("run.yaml").write_text(to_yaml(config))
     trainer = Trainer(config)
     lines = [{"step": 0, "seconds": 0.0, **trainer.validate()}]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from imgtransfer.training.config import RunConfig, parse_config
+from imgtransfer.config.loader import parse_config
+from imgtransfer.training.config import RunConfig
 
 SMALL = {
     "maps": {"size": [32, 32]},
@@ -37,4 +38,4 @@ def small_config(source: Path, **training: object) -> RunConfig:
         "train": {"split": None, "exclude": ["*_test"]},
         "validation": {"split": None, "names": ["*_test"]},
     }
-    return parse_config(SMALL | {"data": data, "training": SMALL["training"] | training}, "small")
+    return parse_config(RunConfig, SMALL | {"data": data, "training": SMALL["training"] | training}, "small")

@@ -15,7 +15,7 @@ import pytest
 import torch
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from fusion import api as fuse
+from fusion import fuse
 from imgtransfer.bodies.anny import load_body
 from imgtransfer.bodies.shape import AnnyShape
 from imgtransfer.data.clip import save_clip

@@ -17,10 +17,11 @@ from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
 from imgtransfer.cli.main import main
+from imgtransfer.config.loader import parse_config, to_yaml
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.training.checkpoint import save_model
-from imgtransfer.training.config import parse_config, to_yaml
+from imgtransfer.training.config import RunConfig
 from tests.helpers.full_disk import full_disk
 from tests.helpers.models import model_for
 from tests.helpers.training import SMALL
@@ -50,7 +51,7 @@ def good(tube_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
         == 0
     )
     source = {"source": str(folder / "set"), "validation": {"split": "validation"}}
-    (folder / "run.yaml").write_text(to_yaml(parse_config(SMALL | {"data": source}, "run")))
+    (folder / "run.yaml").write_text(to_yaml(parse_config(RunConfig, SMALL | {"data": source}, "run")))
     (folder / "simulation.yaml").write_text(SIMULATION)
     return folder
 

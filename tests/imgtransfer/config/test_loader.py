@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
-from imgtransfer.config.loader import checked, load_config, read_yaml, with_changes
+from imgtransfer.config.loader import load_config, parse_config, read_yaml, with_changes
 from render import InputError
 
 
@@ -84,7 +84,7 @@ def test_a_mistake_of_the_file_is_not_blamed_on_a_change(tmp_path: Path) -> None
 
 def test_what_was_found_is_shown_short() -> None:
     with pytest.raises(InputError) as caught:
-        checked(Cart, {"front": {"spokes": "x" * 10_000}}, "here")
+        parse_config(Cart, {"front": {"spokes": "x" * 10_000}}, "here")
     assert len(str(caught.value)) < 200
 
 

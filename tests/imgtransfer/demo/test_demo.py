@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from imgtransfer.config.loader import load_config, parse_config
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.demo.__main__ import main
@@ -18,7 +19,7 @@ from imgtransfer.demo.training import Length, trained
 from imgtransfer.evaluation.metrics import METRICS, evaluate_clip
 from imgtransfer.pipeline.deform import deform
 from imgtransfer.training.checkpoint import load_model
-from imgtransfer.training.config import RunConfig, load_config, parse_config
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import train
 from render import InputError
 
@@ -30,6 +31,7 @@ def config(tube_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> RunConf
     for split in ("train", "validation", "test"):
         data.write(f"tube/{split}", tube_clip, split=split)
     return parse_config(
+        RunConfig,
         {
             "data": {"source": str(path)},
             "maps": {"size": [32, 32]},
@@ -129,7 +131,7 @@ def test_minutes_are_turned_into_steps_once(config: RunConfig, tmp_path: Path) -
     assert known["minutes"] == 1e-4
     (tmp_path / "length.json").write_text(json.dumps(known | {"steps": 5}))
     trained(tmp_path, config, Length(minutes=1e-4))
-    assert load_config(tmp_path / "run/config.yaml").training.steps == 5
+    assert load_config(RunConfig, tmp_path / "run/config.yaml").training.steps == 5
 
 
 @pytest.mark.parametrize(
@@ -170,7 +172,7 @@ def test_a_missing_checkpoint_is_said_before_any_training(config: RunConfig, tmp
 
 
 def test_the_checkpoint_that_comes_with_the_project_is_the_demos_network_for_the_sample_shirt() -> None:
-    config, model = load_config(DEMO_CONFIG), load_model(CHECKPOINT)
+    config, model = load_config(RunConfig, DEMO_CONFIG), load_model(CHECKPOINT)
     assert (model.network, model.maps) == (config.network, config.maps)
     data = DataSet.open(SAMPLE_DATA)
     for name in data.names():

@@ -11,6 +11,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.cli.main import main
+from imgtransfer.config.loader import parse_config
 from imgtransfer.data.clip import Clip, load_clip, save_clip
 from imgtransfer.data.source import clip_refs
 from imgtransfer.data.store import DataSet
@@ -20,7 +21,7 @@ from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
 from imgtransfer.network.maps import metric_maps
 from imgtransfer.network.shapes import misfit
 from imgtransfer.training.checkpoint import load_model, save_model
-from imgtransfer.training.config import RunConfig, parse_config
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.trainer import Trainer
 from render import InputError, Mesh, PositionBox, load_maps
@@ -248,6 +249,7 @@ def mixed_run(folder: Path, clips: tuple[Clip, ...], **training: object) -> RunC
     for clip in clips:
         save_clip(folder / f"{clip.name}.npz", clip)
     return parse_config(
+        RunConfig,
         {
             "data": {
                 "source": str(folder),

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from imgtransfer.cli.main import main
-from imgtransfer.simulation.config import SimulateConfig, load_config
+from imgtransfer.config.loader import load_config
+from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.planning.plan import plan
 from render import InputError
 from tests.helpers.paths import ROOT
@@ -23,11 +24,13 @@ def motion_file(path):
 
 @pytest.mark.parametrize("name", ["sample", "small", "full", "pretrain", "cmu"])
 def test_the_committed_configurations_are_read(name):
-    assert load_config(CONFIGS / f"{name}.yaml").fps == 30
+    assert load_config(SimulateConfig, CONFIGS / f"{name}.yaml").fps == 30
 
 
 def test_the_sample_tests_on_motions_that_no_training_data_has():
-    sample, pretrain = (plan(load_config(CONFIGS / f"{name}.yaml")) for name in ("sample", "pretrain"))
+    sample, pretrain = (
+        plan(load_config(SimulateConfig, CONFIGS / f"{name}.yaml")) for name in ("sample", "pretrain")
+    )
     frames = dict.fromkeys(("tshirt", "dress", "trousers", "skirt"), 0)
     for task in sample:
         frames[task.name.partition("/")[0]] += len(task.motion.poses)
@@ -41,7 +44,7 @@ def test_the_sample_tests_on_motions_that_no_training_data_has():
 
 
 def test_seed_ranges_and_tempo_ranges_unfold(tmp_path):
-    config = load_config(written(
+    config = load_config(SimulateConfig, written(
         tmp_path, "clips: [{motion: walk, seed: 3, last_seed: 5, tempo: [0.8, 1.2], seconds: 1, split: test}]"
     ))  # fmt: skip
     tasks = plan(config, frames=12)
@@ -64,7 +67,7 @@ bodies: [{}, {seed: 1}, {seed: 2}]
 every_body: %s
 clips: [{motion: walk, last_seed: 1, seconds: 1}]
 """
-    tasks = plan(load_config(written(tmp_path, text % "false")))
+    tasks = plan(load_config(SimulateConfig, written(tmp_path, text % "false")))
     assert [task.name for task in tasks] == [
         "dress/walk_s0_anny1",
         "dress/walk_s1_anny2",
@@ -73,7 +76,7 @@ clips: [{motion: walk, last_seed: 1, seconds: 1}]
     ]
     assert tasks[0].config.garment.kind == "dress"
     assert tasks[0].config.bodies == ()
-    every = plan(load_config(written(tmp_path, text % "true")))
+    every = plan(load_config(SimulateConfig, written(tmp_path, text % "true")))
     assert len({task.name for task in every}) == 12
 
 
@@ -117,7 +120,7 @@ clips: [{motion: walk, last_seed: 1, seconds: 1}]
 ])  # fmt: skip
 def test_mistakes_in_a_configuration_are_named_by_its_own_keys(tmp_path, text, wanted):
     with pytest.raises(InputError) as caught:
-        load_config(written(tmp_path, text))
+        load_config(SimulateConfig, written(tmp_path, text))
     assert str(caught.value).startswith(f"{tmp_path}/c.yaml: {wanted}")
     assert "\n" not in str(caught.value)
 
@@ -126,11 +129,15 @@ def test_what_cannot_be_planned_is_refused(tmp_path):
     with pytest.raises(InputError, match="nothing to simulate"):
         plan(SimulateConfig())
     with pytest.raises(InputError, match="more than once"):
-        plan(load_config(written(tmp_path, "clips: [{motion: walk, seed: 1}, {motion: walk, seed: 1}]")))
+        plan(
+            load_config(
+                SimulateConfig, written(tmp_path, "clips: [{motion: walk, seed: 1}, {motion: walk, seed: 1}]")
+            )
+        )
     with pytest.raises(InputError, match="no motion file in this folder"):
         plan(SimulateConfig(), [tmp_path])
     with pytest.raises(InputError, match="--frames 1"):
-        plan(load_config(CONFIGS / "sample.yaml"), frames=1)
+        plan(load_config(SimulateConfig, CONFIGS / "sample.yaml"), frames=1)
 
 
 def test_the_command_says_in_one_line_what_is_wrong(tmp_path, capsys):

@@ -13,11 +13,12 @@ import torch
 from safetensors.torch import load_file
 
 from imgtransfer.cli.main import main
+from imgtransfer.config.loader import to_yaml
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.report.logs import read_curves
 from imgtransfer.training import loop
 from imgtransfer.training.checkpoint import load_model, optimizer_state
-from imgtransfer.training.config import RunConfig, to_yaml
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.log import log_from
 from imgtransfer.training.loop import train
 from imgtransfer.training.run_folder import only_trainer, state_to_resume

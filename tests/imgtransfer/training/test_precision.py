@@ -13,9 +13,10 @@ from typing import Literal
 import pytest
 import torch
 
+from imgtransfer.config.loader import load_config
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.report.logs import read_curves
-from imgtransfer.training.config import load_config
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import train
 from imgtransfer.training.precision import Precision, Workload, bfloat16_ratio, choose_precision
 from imgtransfer.training.run_folder import may_go_on
@@ -90,7 +91,7 @@ def test_measuring_changes_neither_random_numbers_nor_threads() -> None:
 
 
 def test_the_workload_is_the_runs_own_within_what_a_cpu_does_in_a_moment() -> None:
-    demo, paper = (load_config(ROOT / "configs" / f"{name}.yaml") for name in ("demo", "paper"))
+    demo, paper = (load_config(RunConfig, ROOT / "configs" / f"{name}.yaml") for name in ("demo", "paper"))
     of_demo, of_paper = (
         Workload.of(config.maps, config.network, config.training.batch_frames) for config in (demo, paper)
     )
@@ -102,7 +103,7 @@ def test_the_workload_is_the_runs_own_within_what_a_cpu_does_in_a_moment() -> No
 
 @pytest.mark.parametrize("name", ["demo", "external", "pretrain", "paper"])
 def test_shipped_configurations_leave_the_number_type_to_the_machine(name: str) -> None:
-    assert load_config(ROOT / "configs" / f"{name}.yaml").training.precision == "auto"
+    assert load_config(RunConfig, ROOT / "configs" / f"{name}.yaml").training.precision == "auto"
 
 
 def test_a_run_goes_on_in_another_number_type(
@@ -135,7 +136,7 @@ def test_a_run_goes_on_in_another_number_type(
     curves = read_curves(tmp_path / "run" / "log.jsonl", {"position_loss": "loss", "position_mm": "error"})
     assert curves["loss"][0] == [1, 2, 3, 4, 5, 6]
     assert curves["error"][0] == [0, 3, 6]
-    assert load_config(tmp_path / "run" / "config.yaml") == after
+    assert load_config(RunConfig, tmp_path / "run" / "config.yaml") == after
 
 
 @pytest.mark.parametrize("key", ["precision", "device", "threads"])

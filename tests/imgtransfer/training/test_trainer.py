@@ -14,11 +14,12 @@ import torch
 from safetensors.torch import load_file
 
 from imgtransfer.cli.main import main
+from imgtransfer.config.loader import load_config, parse_config, to_yaml
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.network import TransferModel
 from imgtransfer.network.maps import metric_maps
 from imgtransfer.training.checkpoint import load_model, save_model
-from imgtransfer.training.config import RunConfig, load_config, parse_config, to_yaml
+from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import train
 from imgtransfer.training.order import Order
 from imgtransfer.training.sampler import Frames
@@ -58,13 +59,13 @@ def weights(folder: Path) -> dict[str, torch.Tensor]:
 
 @pytest.mark.parametrize("name", sorted(path.name for path in CONFIGS.glob("*.yaml")))
 def test_every_config_loads_and_reads_back(name: str, tmp_path: Path) -> None:
-    config = load_config(CONFIGS / name)
+    config = load_config(RunConfig, CONFIGS / name)
     (tmp_path / "again.yaml").write_text(to_yaml(config))
-    assert load_config(tmp_path / "again.yaml") == config
+    assert load_config(RunConfig, tmp_path / "again.yaml") == config
 
 
 def test_the_papers_config_has_the_papers_sizes() -> None:  # section 4.2, appendix C
-    config = load_config(CONFIGS / "paper.yaml")
+    config = load_config(RunConfig, CONFIGS / "paper.yaml")
     assert (config.maps.size, config.maps.root) == ((256, 256), "root")
     encoder = config.network.encoder
     assert (encoder.patch, encoder.dim, encoder.depth, config.network.blocks) == (16, 768, 12, 4)
@@ -97,13 +98,15 @@ def test_bad_configs_are_one_clear_line(
 ) -> None:
     (tmp_path / "run.yaml").write_text(text)
     with pytest.raises(InputError, match=message) as error:
-        load_config(tmp_path / "run.yaml", changes)
+        load_config(RunConfig, tmp_path / "run.yaml", changes)
     assert "\n" not in str(error.value)
 
 
 def test_changes_replace_values(tmp_path: Path) -> None:
     (tmp_path / "run.yaml").write_text("data: {source: x}")
-    config = load_config(tmp_path / "run.yaml", ["training.steps=7", "maps.size=[64, 32]", "data.source=y"])
+    config = load_config(
+        RunConfig, tmp_path / "run.yaml", ["training.steps=7", "maps.size=[64, 32]", "data.source=y"]
+    )
     assert (config.training.steps, config.maps.size, config.data.source) == (7, (64, 32), Path("y"))
 
 
@@ -123,6 +126,7 @@ def test_a_steps_frames_do_not_depend_on_the_steps_before() -> None:
 
 def test_learning_rate_warms_up_and_falls() -> None:
     options = parse_config(
+        RunConfig,
         {
             "data": {"source": "x"},
             "training": {"steps": 12, "warmup_steps": 2, "learning_rate": 0.5, "schedule": "cosine"},
@@ -310,7 +314,7 @@ def test_the_mirror_needs_front_and_back(source: Path) -> None:
     data = small_config(source).model_dump(mode="json")
     data["maps"]["views"] = ["front", "left"]
     with pytest.raises(InputError, match="azimuth 0 or 180 only, such as front and back; found left"):
-        Trainer(parse_config(data, "run"))
+        Trainer(parse_config(RunConfig, data, "run"))
 
 
 def test_the_command_trains_resumes_and_says_where(

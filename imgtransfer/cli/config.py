@@ -1,0 +1,61 @@
+"""`imgtransfer config`: every key of a command's configuration, as YAML that the command reads."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imgtransfer.cli.options import add_changes
+
+if TYPE_CHECKING:  # `--help` must not wait for the array libraries
+    from pydantic import BaseModel
+
+COMMANDS = ("train", "simulate", "fuse")  # those that take a configuration
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
+    """Add the command's arguments."""
+    parser = subparsers.add_parser(
+        "config",
+        help="print every key of a configuration with unit, default and range",
+        description="Prints the configuration of a command as YAML with a comment on every key: what it means, its "
+        "type and range, its unit. All defaults stand in it, so it can be written to a file, changed and given to "
+        "the command. Keys that have no default are comments, and so are other kinds of garment and body. With FILE "
+        "or --set it shows the values that the command would take, the defaults too.",
+        examples=(
+            "imgtransfer config fuse > fusion.yaml",
+            "imgtransfer config train configs/demo.yaml --set training.steps=1000",
+        ),
+    )
+    parser.add_argument("command", choices=COMMANDS, help="the command that reads the configuration")
+    parser.add_argument(
+        "file", nargs="?", type=Path, metavar="FILE", help="a configuration, to show all its values"
+    )
+    add_changes(parser, "weight_edge=50")
+    return parser
+
+
+def run(args: argparse.Namespace) -> None:
+    """Print the schema, or the configuration that FILE and --set make."""
+    from imgtransfer.config.commented import commented_yaml  # noqa: PLC0415
+    from imgtransfer.config.loader import load_config  # noqa: PLC0415
+
+    schema = schema_of(args.command)
+    config = load_config(schema, args.file, args.set) if args.file is not None or args.set else None
+    print(commented_yaml(schema, config), end="")
+
+
+def schema_of(command: str) -> type[BaseModel]:
+    """What a command's configuration must be."""
+    if command == "train":
+        from imgtransfer.training.config import RunConfig  # noqa: PLC0415
+
+        return RunConfig
+    if command == "simulate":
+        from imgtransfer.simulation.config import SimulateConfig  # noqa: PLC0415
+
+        return SimulateConfig
+    from fusion import FusionConfig  # noqa: PLC0415
+
+    return FusionConfig
