@@ -78,9 +78,3 @@ def plain(values: np.ndarray, *, whole: bool) -> np.ndarray:
         if values.dtype == np.dtype(kept).newbyteorder(values.dtype.byteorder):
             return values.astype(kept, copy=False)
     return values.astype(np.int64 if whole else np.float32)
-
-
-def zero_frame(frames: np.ndarray) -> int | None:
-    """The first of the frames (T, ...) in which all is 0, counted from 0; None where there is none."""
-    lost = np.flatnonzero(~frames.any(axis=tuple(range(1, frames.ndim))))
-    return int(lost[0]) if len(lost) else None

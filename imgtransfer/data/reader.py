@@ -12,12 +12,13 @@ import numpy as np
 
 from imgtransfer.data.arrays import StoredArray
 from imgtransfer.data.clip import REQUIRED, Clip, check_clip_npz, clip_parts, with_found_textures
-from imgtransfer.data.clip_checks import check_arrays, zero_frame
+from imgtransfer.data.clip_checks import check_arrays
 from imgtransfer.data.metadata import ClipAttributes, read_arrays
 from imgtransfer.data.place import METADATA, Place
 from imgtransfer.data.schema import ARRAYS, NEVER_ZERO, PER_FRAME, REQUIRED_ARRAYS
 from render import InputError
 from render.files.npz import open_npz
+from render.mesh.mesh import zero_frame
 
 
 class Reader(Protocol):

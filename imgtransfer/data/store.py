@@ -11,7 +11,6 @@ import numpy as np
 
 from imgtransfer.data.arrays import write_array
 from imgtransfer.data.clip import Clip
-from imgtransfer.data.clip_checks import zero_frame
 from imgtransfer.data.location import place_at
 from imgtransfer.data.metadata import ClipAttributes, Rejection, parsed, read_clips, read_root, validated
 from imgtransfer.data.place import METADATA, Place, group_metadata
@@ -28,6 +27,7 @@ from imgtransfer.data.schema import (
 )
 from imgtransfer.data.texture_files import store_textures
 from render import InputError
+from render.mesh.mesh import zero_frame
 
 REJECTED = "rejected"  # folder with a JSON file for each clip that was made and found wanting
 

@@ -1,4 +1,3 @@
-from .frames import read_moving_mesh as read_moving_mesh
 from .job import ImportOptions as ImportOptions
 from .job import Job as Job
 from .job import run_jobs as run_jobs

@@ -1,46 +1,18 @@
-"""Files of data sets: found in the order that people mean, and told from what is no data."""
+"""Arrays of data sets, from files and from lists, whose shape is checked."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from render import InputError
-from render.files.atomic import check_regular
+from render.files.data_file import check_data_file
 from render.files.npz import open_npz, read_npy
-from render.memory import available_bytes
 
 _MOST_ENTRIES = 10_000_000
 _LARGEST = 1e12  # beyond anything that a data set means, and its square is still a float32
-_LFS = b"version https://git-lfs"
-
-
-def natural(text: str) -> list[tuple[int, int, str]]:
-    """A sorting key by which frame_2 comes before frame_10."""
-    parts = re.split(r"(\d+)", text)
-    return [(1, int(part), "") if part.isdecimal() else (0, 0, part.lower()) for part in parts]
-
-
-def natural_sort(paths: Iterable[Path]) -> list[Path]:
-    """Paths sorted by name, numbers by their value."""
-    return sorted(paths, key=lambda path: natural(path.name))
-
-
-def check_data_file(path: Path, wanted: str) -> None:
-    """Raise InputError where there is no such file, an empty or too large one, or a Git LFS pointer in its place."""
-    check_regular(path, wanted)
-    size, free = path.stat().st_size, available_bytes()
-    if free is not None and size > free:
-        raise InputError(f"{path}: {size / 2**30:.1f} GiB, and {free / 2**30:.1f} GiB of memory are free")
-    with path.open("rb") as file:
-        start = file.read(len(_LFS))
-    if not start:
-        raise InputError(f"{path}: the file is empty; {wanted} is wanted")
-    if start == _LFS:
-        raise InputError(f"{path}: a pointer of Git LFS, not the data; run `git lfs pull` in its repository")
 
 
 def load_arrays(path: Path, wanted: Iterable[str]) -> dict[str, np.ndarray]:

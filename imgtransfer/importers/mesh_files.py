@@ -6,12 +6,12 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from imgtransfer.importers.caches import SUFFIXES as CACHES
-from imgtransfer.importers.frames import MESHES, frame_files
 from imgtransfer.importers.job import ImportOptions
 from render import InputError
 from render.files.atomic import check_regular
+from render.files.frame_files import MESHES, frame_files
 from render.files.mesh_files import SUFFIXES as SINGLE
+from render.files.point_caches import SUFFIXES as CACHES
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from imgtransfer.importers.caches import SUFFIXES as CACHES
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import weld, weld_motion
-from imgtransfer.importers.frames import frame_files, read_moving_mesh
 from render import InputError, Mesh, load_mesh
+from render.files.frame_files import frame_files, read_moving_mesh
+from render.files.point_caches import SUFFIXES as CACHES
 from render.mesh.mesh import check_finite
 
 

@@ -11,8 +11,8 @@ from imgtransfer.data.canonical import RootFrames, RootMode, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import weld, weld_motion
-from imgtransfer.importers.frames import read_moving_mesh
 from render import InputError, Mesh, load_mesh
+from render.files.frame_files import read_moving_mesh
 from render.files.mesh_files import SUFFIXES
 from render.mesh.mesh import check_finite
 

@@ -88,6 +88,12 @@ def check_finite(
     raise InputError(f"{source}: {where} is {value.tolist()}, {wrong} ({len(bad)} such vertices)")
 
 
+def zero_frame(frames: np.ndarray) -> int | None:
+    """The first of the frames (T, ...) in which all is 0, counted from 0; None where there is none."""
+    lost = np.flatnonzero(~frames.any(axis=tuple(range(1, frames.ndim))))
+    return int(lost[0]) if len(lost) else None
+
+
 def vertex_normals(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
     """Area-weighted mean of the face normals around each vertex, as unit vectors.
 

@@ -22,12 +22,14 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
-from imgtransfer.importers.caches import read_cache
 from imgtransfer.importers.checks.worn import check_worn
-from imgtransfer.importers.files import check_data_file, check_shape, natural_sort
+from imgtransfer.importers.files import check_shape
 from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, load_mesh
+from render.files.data_file import check_data_file
+from render.files.naming import natural_sort
+from render.files.point_caches import read_cache
 
 FPS = 30.0
 _SOURCE = "CLOTH3D, Bertiche et al. 2020, chalearnlap.cvc.uab.cat/dataset/38"

@@ -18,11 +18,11 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.worn import check_worn
-from imgtransfer.importers.files import natural_sort
 from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.mesh_files import Source, check_frames, find_source, moving_in
 from imgtransfer.importers.part import Part
 from render import InputError
+from render.files.naming import natural_sort
 
 FPS = 30.0
 

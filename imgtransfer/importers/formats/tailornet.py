@@ -23,11 +23,12 @@ import numpy as np
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.checks.worn import check_worn
-from imgtransfer.importers.files import check_shape, load_array, load_arrays, natural_sort
+from imgtransfer.importers.files import check_shape, load_array, load_arrays
 from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.pickles.reading import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, skinned, smpl_body
 from render import InputError
+from render.files.naming import natural_sort
 from render.mesh.mesh import check_faces
 
 TEST = ("005", "010")

@@ -23,10 +23,11 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.checks.worn import check_worn
-from imgtransfer.importers.files import check_shape, load_arrays, natural_sort
+from imgtransfer.importers.files import check_shape, load_arrays
 from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, Mesh, load_mesh
+from render.files.naming import natural_sort
 
 FPS = 30.0
 ROOT = np.array(

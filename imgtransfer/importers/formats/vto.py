@@ -23,11 +23,12 @@ import torch
 from fusion import BodySdf
 from imgtransfer.data.clip import Clip
 from imgtransfer.importers.checks.worn import check_worn
-from imgtransfer.importers.files import as_array, check_shape, natural_sort
+from imgtransfer.importers.files import as_array, check_shape
 from imgtransfer.importers.job import ImportOptions, Job, clip_name
 from imgtransfer.importers.pickles.reading import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, Mesh, load_mesh
+from render.files.naming import natural_sort
 
 TEST = ("01_01", "111_02", "55_27", "91_36")
 FPS = 30.0

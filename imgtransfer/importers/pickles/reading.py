@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from imgtransfer.importers.files import check_data_file
 from imgtransfer.importers.pickles.stand_ins import NAMES, RefusedError, as_plain
 from render import InputError
+from render.files.data_file import check_data_file
 
 
 def load_pickle(path: str | Path, *, extra: Mapping[str, object] | None = None) -> Any:

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from imgtransfer.importers.caches import SUFFIXES as CACHES
 from imgtransfer.importers.formats.meshes import FPS
-from imgtransfer.importers.frames import frame_files
 from imgtransfer.importers.job import clip_name
 from imgtransfer.importers.mesh_files import find_body
 from imgtransfer.importers.part import Part
 from imgtransfer.running.fingerprint import files_fingerprint
 from imgtransfer.simulation.config import SequenceFiles
 from render import InputError, Mesh
+from render.files.frame_files import frame_files
+from render.files.point_caches import SUFFIXES as CACHES
 
 _SCALE = 1.5  # by which a body's edges may be longer or shorter than in its rest pose, in the middle
 _TORN = 1.5, 0.2  # by what factor edges change less, apart from a common one, and in what part of them more

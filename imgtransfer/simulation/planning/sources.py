@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from imgtransfer.importers.caches import SUFFIXES as CACHES
-from imgtransfer.importers.files import natural_sort
-from imgtransfer.importers.frames import MESHES
 from imgtransfer.importers.mesh_files import moving_in
 from imgtransfer.motions.files import SUFFIXES as MOTIONS
 from render import InputError
+from render.files.frame_files import MESHES
+from render.files.naming import natural_sort
+from render.files.point_caches import SUFFIXES as CACHES
 
 _WANTED = (
     "wanted are motion files (npz in the style of AMASS, or BVH), or body mesh sequences: folders with body/ of OBJ or "

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imgtransfer.importers.caches import read_cache
 from render import InputError
+from render.files.point_caches import read_cache
 from tests.helpers.import_examples import write_mdd, write_pc2
 
 MOVING = np.random.default_rng(0).normal(size=(4, 5, 3)).astype(np.float32)

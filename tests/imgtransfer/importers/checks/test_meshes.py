@@ -18,8 +18,8 @@ from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.template import load_template
 from imgtransfer.importers.checks.topology import check_topology
 from imgtransfer.importers.checks.weld import weld, weld_motion
-from imgtransfer.importers.frames import frame_files, read_moving_mesh
 from render import InputError, Mesh
+from render.files.frame_files import frame_files, read_moving_mesh
 from render.mesh.surface import Surface
 from tests.helpers import synthetic
 from tests.helpers.import_examples import standing_body, vest, write_obj, write_pc2

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from imgtransfer.data.clip_checks import zero_frame
-from imgtransfer.importers.caches import SUFFIXES as CACHES
-from imgtransfer.importers.caches import read_cache
-from imgtransfer.importers.files import natural, natural_sort
-from render import InputError, Mesh, load_mesh
+from render.errors import InputError
 from render.files.atomic import check_regular
+from render.files.mesh_files import load_mesh
+from render.files.naming import natural, natural_sort
+from render.files.point_caches import SUFFIXES as CACHES
+from render.files.point_caches import read_cache
 from render.limits import FARTHEST_IN_FILES
+from render.mesh.mesh import Mesh, zero_frame
 
 MESHES = (".obj", ".ply", ".glb")
 

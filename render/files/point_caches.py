@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from imgtransfer.importers.files import check_data_file
-from render import InputError
+from render.errors import InputError
+from render.files.data_file import check_data_file
 from render.limits import FARTHEST_IN_FILES
 from render.mesh.mesh import check_finite
 
