@@ -137,7 +137,7 @@ class Pipeline:
             readings = self._readings(inputs)
             target, confidence = self._target(inputs)
             if obstacle is not None:
-                obstacle.update(*(v for v in (inputs.body_vertices, inputs.under_vertices) if v is not None))
+                obstacle.update(*(v for v in (inputs.body_vertices, inputs.inner_vertices) if v is not None))
         vertices = initial = readings.vertices
         if inputs.positions is not None and _any_steps(config, "edge"):
             share = anchor_share(
@@ -271,14 +271,14 @@ def _obstacle(inputs: FusionInputs, config: FusionConfig, device: torch.device) 
         assert inputs.body_faces is not None
         count = inputs.body_vertices.shape[1]
         parts.append(BodySdf(inputs.body_faces, count, device=device, band_m=config.sdf_band_m))
-    if inputs.under_vertices is not None:
-        assert inputs.under_faces is not None
+    if inputs.inner_vertices is not None:
+        assert inputs.inner_faces is not None
         parts.append(
             OuterSurface(
-                inputs.under_faces,
-                inputs.under_vertices.shape[1],
+                inputs.inner_faces,
+                inputs.inner_vertices.shape[1],
                 device=device,
-                offset_m=config.under_margin_m,
+                offset_m=config.inner_margin_m,
                 band_m=config.sdf_band_m,
             )
         )

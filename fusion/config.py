@@ -109,11 +109,11 @@ class FusionConfig(BaseModel):
         le=1,
         description="Metres from an obstacle within which its distance is computed; farther vertices cost less.",
     )
-    under_margin_m: float = Field(
+    inner_margin_m: float = Field(
         default=0.001,
         ge=0,
         lt=0.05,
-        description="Metres by which the surface of the garment beneath is raised, its thickness for instance.",
+        description="Metres by which the surface of the inner garment is raised, its thickness for instance.",
     )
     clearance_m: float = Field(
         default=0.001,

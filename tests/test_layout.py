@@ -46,7 +46,9 @@ def test_a_package_says_what_it_is_and_offers_what_it_names(package: Path) -> No
     assert module.__doc__
     stub = package / "__init__.pyi"
     if not stub.is_file():
-        assert len(ast.parse((package / "__init__.py").read_text(encoding="utf-8")).body) == 1  # a docstring alone
+        assert (
+            len(ast.parse((package / "__init__.py").read_text(encoding="utf-8")).body) == 1
+        )  # a docstring alone
         return
     offered = {
         (node.module, alias.name)

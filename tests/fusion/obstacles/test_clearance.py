@@ -201,28 +201,28 @@ def test_no_frames_are_no_trouble():
 @pytest.mark.parametrize("solver", ["local_global", "adam"])
 @pytest.mark.parametrize("wrong", ["8 cm off", "all of it inside"])
 def test_after_fusing_a_prediction_deep_inside_nothing_is_in_the_body_or_the_garment_beneath(solver, wrong):
-    imager, body, under = imager_of(MESH), cylinder_body(), tube(radius=0.135, height=0.3)
+    imager, body, inner = imager_of(MESH), cylinder_body(), tube(radius=0.135, height=0.3)
     positions, normals = true_maps(imager, wrinkled(MESH, 2))
     mask = torch.from_numpy(imager.raster.mask)[None, ..., None]
     positions = (
         positions * 0.3 if wrong == "all of it inside" else positions + torch.tensor([0, 0, 0.08]) * mask
     )
-    bodies, unders = leaning(body.vertices, 2), leaning(under.vertices, 2)
-    config = FusionConfig(solver=solver, under_margin_m=0.002, edge_steps=20, normal_steps=20)
+    bodies, inners = leaning(body.vertices, 2), leaning(inner.vertices, 2)
+    config = FusionConfig(solver=solver, inner_margin_m=0.002, edge_steps=20, normal_steps=20)
     found = fuse(
         imager,
         positions=positions,
         normals=normals,
         body_vertices=bodies,
         body_faces=body.faces,
-        under_vertices=unders,
-        under_faces=under.faces,
+        inner_vertices=inners,
+        inner_faces=inner.faces,
         config=config,
     )
     vertices = torch.from_numpy(found.vertices)
     sdf = BodySdf(body.faces, len(body.vertices))
     sdf.update(bodies)
-    surface = OuterSurface(under.faces, len(under.vertices), offset_m=config.under_margin_m)
-    surface.update(unders)
+    surface = OuterSurface(inner.faces, len(inner.vertices), offset_m=config.inner_margin_m)
+    surface.update(inners)
     for obstacle in (sdf, surface):
         assert obstacle.query(vertices).distance.min() >= config.clearance_m

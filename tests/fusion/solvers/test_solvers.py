@@ -450,10 +450,10 @@ def test_every_weight_may_be_zero(scene, left_out):
 
 def test_a_garment_beneath_is_kept_out_of(scene):
     mesh = tube()
-    under = leaning(mesh.vertices * np.array([0.99, 1.0, 0.99]), 3)
+    inner = leaning(mesh.vertices * np.array([0.99, 1.0, 0.99]), 3)
     sunk = scene["inputs"]["positions"] * torch.tensor([0.97, 1.0, 0.97])
     inputs = {"positions": sunk, "normals": scene["inputs"]["normals"]}
-    result = fuse(scene["imager"], **inputs, under_vertices=under, under_faces=mesh.faces)
+    result = fuse(scene["imager"], **inputs, inner_vertices=inner, inner_faces=mesh.faces)
     assert result.report["penetration_percent"]["after"] == 0
     without = fuse(scene["imager"], **inputs)
     radius = np.linalg.norm(result.vertices - without.vertices, axis=-1)
