@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
 import torch
 
 from fusion.config import FusionConfig
@@ -53,6 +54,24 @@ class SolverResult:
     def at(self, step: int) -> Terms:
         """The terms (T,) after so many steps, -1 for the last."""
         return {name: values[step] for name, values in self.history.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class BatchResult:
+    """One batch of frames, solved.
+
+    Args:
+        vertices, initial: (T, N, 3) float32, metres.
+        stages: what the solver found, by stage.
+        unseen: (T,) share of the vertices that were not read from the maps.
+        inside: (T,) share of the vertices below an obstacle's surface before and after the clean-up.
+    """
+
+    vertices: np.ndarray
+    initial: np.ndarray
+    stages: dict[str, SolverResult]
+    unseen: np.ndarray
+    inside: tuple[np.ndarray, np.ndarray] | None
 
 
 class Solver(Protocol):

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from fusion.batches import BatchResult, Pipeline, frames_at_once, usable_threads
 from fusion.config import FusionConfig
+from fusion.frame_solver import FrameSolver, frames_at_once, usable_threads
 from fusion.inputs import FusionInputs
 from fusion.parallel import one_torch_thread
-from fusion.report import Statistics
-from fusion.stopwatch import Stopwatch
+from fusion.report import Statistics, Stopwatch
+from fusion.stages import BatchResult
 from render.maps.imager import TemplateImager
 from render.threads import one_blas_thread
 
@@ -64,8 +64,8 @@ def fuse_batches(
         coming = batches(frames_at_once(config, threads, n_frames))
         first = next(coming)
         with watch.stage("setup"):
-            pipeline = Pipeline(imager, first, config, device, threads=threads, weighted=weighted)
-        for piece in pipeline.pieces(itertools.chain([first], coming), watch):
+            solver = FrameSolver(imager, first, config, device, threads=threads, weighted=weighted)
+        for piece in solver.pieces(itertools.chain([first], coming), watch):
             statistics.add(piece)
             take(piece)
             if progress is not None:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import torch
 
-from fusion.obstacles.bvh import MovingMesh
+from fusion.obstacles.bvh import MeshBvh
 from fusion.obstacles.sdf import Obstacle, SdfQuery, differentiable_distance, unpacked
 from render import InputError
 
@@ -59,7 +59,7 @@ class OuterSurface:
                 f"offset_m is {offset_m}, band_m {band_m}, inner_band_m {inner_band_m}; metres are wanted, the "
                 "first at least 0, the others above 0"
             )
-        self._mesh = MovingMesh(faces, n_vertices, device=device, name="inner")
+        self._mesh = MeshBvh(faces, n_vertices, device=device, name="inner")
         self._numbers = float(band_m), float(inner_band_m), float(offset_m)
         self._rims = torch.from_numpy(_rims(self._mesh.faces, n_vertices)).to(self._mesh.device)
 

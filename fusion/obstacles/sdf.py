@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import torch
 
-from fusion.obstacles.bvh import MovingMesh
+from fusion.obstacles.bvh import MeshBvh
 from render import InputError
 
 Sign = Literal["checked", "winding", "normal"]
@@ -85,12 +85,12 @@ class BodySdf:
     ) -> None:
         if band_m is not None and not band_m > 0:
             raise InputError(f"band_m is {band_m}; metres above 0 are wanted, or None for no band")
-        self._body = MovingMesh(faces, n_vertices, device=device, name="body", winding=sign == "winding")
+        self._body = MeshBvh(faces, n_vertices, device=device, name="body", winding=sign == "winding")
         self._closed = is_closed(self._body.faces)
         self.sign: Sign = "winding" if sign == "checked" and not self._closed else sign
         if self.sign != sign:
-            self._body = MovingMesh(faces, n_vertices, device=device, name="body", winding=True)
-        self._doubted: MovingMesh | None = None  # with winding numbers, made and moved only when asked for
+            self._body = MeshBvh(faces, n_vertices, device=device, name="body", winding=True)
+        self._doubted: MeshBvh | None = None  # with winding numbers, made and moved only when asked for
         self._pose: torch.Tensor | None = None
         self._doubted_pose: torch.Tensor | None = None
         self._doubted_lock = Lock()  # of several queries at once, the first one makes it
@@ -163,11 +163,11 @@ class BodySdf:
         """
         return differentiable_distance(points, self)
 
-    def _with_winding(self) -> MovingMesh:
+    def _with_winding(self) -> MeshBvh:
         """The same pose with what winding numbers need; moving that costs more than all else of an update."""
         with self._doubted_lock:
             if self._doubted is None:
-                self._doubted = MovingMesh(
+                self._doubted = MeshBvh(
                     self._body.faces, self.n_vertices, device=self.device, name="body", winding=True
                 )
             if self._doubted_pose is not self._pose:

@@ -51,7 +51,7 @@ class Contact:
         self.depth = collision_loss(distance, margin_m=self._margin)
 
 
-class PlannedStep:
+class ConstrainedStep:
     """Steps of the vertices of an energy, and which directions are open to them.
 
     Args:

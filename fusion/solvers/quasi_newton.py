@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import torch
 
-from fusion.solvers.contact import Contact, PlannedStep
+from fusion.solvers.contact import ConstrainedStep, Contact
 from fusion.solvers.energy import Energy
 from render.mesh.factor import Factor
 
@@ -77,7 +77,7 @@ class _Run:
         self, energy: Energy, factor: Factor, loose: torch.Tensor | None, contact: Contact | None
     ) -> None:
         self._energy, self._factor, self._contact = energy, factor, contact
-        self._at = PlannedStep(energy, loose, contact)
+        self._at = ConstrainedStep(energy, loose, contact)
         self._frames = len(energy.vertices)
         self._groups = 1 if energy.coupled else self._frames
         self._memory = _Memory()

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from fusion import FusionConfig
-from fusion.batches import BatchResult
 from fusion.map_files import MapSurroundings, fuse_map_parts
+from fusion.stages import BatchResult
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import written_clip
 from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from queue import SimpleQueue
 
 import numpy as np
@@ -19,32 +19,14 @@ from fusion.obstacles.clearance import lift_clear
 from fusion.obstacles.layers import MovingObstacle, Obstacles, OuterSurface
 from fusion.obstacles.sdf import BodySdf, SdfQuery
 from fusion.parallel import be_one_of_many, n_threads
+from fusion.report import Stopwatch
 from fusion.solvers.adam import AdamSolver
 from fusion.solvers.local_global import LocalGlobalSolver
 from fusion.solvers.pixel_faces import PixelFaces
-from fusion.stages import Solver, SolverResult, StageProblem
-from fusion.stopwatch import Stopwatch
+from fusion.stages import BatchResult, Solver, SolverResult, StageProblem
 from fusion.topology import Topology
 from render.maps.imager import TemplateImager
 from render.mesh.mesh import check_finite, safe_normalize
-
-
-@dataclass(frozen=True, eq=False)
-class BatchResult:
-    """One batch of frames, solved.
-
-    Args:
-        vertices, initial: (T, N, 3) float32, metres.
-        stages: what the solver found, by stage.
-        unseen: (T,) share of the vertices that were not read from the maps.
-        inside: (T,) share of the vertices below an obstacle's surface before and after the clean-up.
-    """
-
-    vertices: np.ndarray
-    initial: np.ndarray
-    stages: dict[str, SolverResult]
-    unseen: np.ndarray
-    inside: tuple[np.ndarray, np.ndarray] | None
 
 
 def usable_threads(config: FusionConfig, device: torch.device, n_frames: int) -> int:
@@ -64,7 +46,7 @@ def frames_at_once(config: FusionConfig, threads: int, n_frames: int) -> int:
     return min(config.batch_frames, -(-n_frames // threads))
 
 
-class Pipeline:
+class FrameSolver:
     """From maps to vertices for one template, batch by batch.
 
     Args:
