@@ -38,7 +38,7 @@ class FusionConfig(BaseModel):
         ge=0,
         lt=1,
         description="Of `local_global`, no unit: the first stage is finished when a step lowers the objective by a "
-        "smaller share of it; much smaller ones draw the cloth to its edges' lengths and away from the maps.",
+        "smaller fraction of it; much smaller ones draw the cloth to its edges' lengths and away from the maps.",
     )
     normal_tolerance: float = Field(
         default=0.03,

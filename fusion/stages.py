@@ -23,7 +23,7 @@ class StageProblem:
     Args:
         start: (T, N, 3) metres, where to start.
         anchor: (T, N, 3) metres, where displacements are measured from.
-        share: (T, N) or (N,), what each vertex's displacement counts; None: 1 / N each.
+        vertex_weights: (T, N) or (N,), what each vertex's displacement counts; None: 1 / N each.
         target: (T, P, 3) unit normals at the P covered pixels, ordered as `PixelFaces.places`.
         confidence: (T, P), what each pixel counts; None: 1 each.
         obstacle: the T posed bodies, or whatever vertices must stay outside of.
@@ -31,7 +31,7 @@ class StageProblem:
 
     start: torch.Tensor
     anchor: torch.Tensor
-    share: torch.Tensor | None = None
+    vertex_weights: torch.Tensor | None = None
     target: torch.Tensor | None = None
     confidence: torch.Tensor | None = None
     obstacle: Obstacle | None = None
@@ -39,7 +39,7 @@ class StageProblem:
 
 @dataclass(frozen=True, eq=False)
 class SolverResult:
-    """What a solver found.
+    """What a solver returns.
 
     Args:
         vertices: (T, N, 3) metres.
@@ -62,9 +62,9 @@ class BatchResult:
 
     Args:
         vertices, initial: (T, N, 3) float32, metres.
-        stages: what the solver found, by stage.
-        unseen: (T,) share of the vertices that were not read from the maps.
-        inside: (T,) share of the vertices below an obstacle's surface before and after the clean-up.
+        stages: what the solver returned, by stage.
+        unseen: (T,) fraction of the vertices that were not read from the maps.
+        inside: (T,) fractions of the vertices below an obstacle's surface before and after the clean-up.
     """
 
     vertices: np.ndarray

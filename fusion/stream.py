@@ -65,11 +65,11 @@ def fuse_batches(
         first = next(coming)
         with watch.stage("setup"):
             solver = FrameSolver(imager, first, config, device, threads=threads, weighted=weighted)
-        for piece in solver.pieces(itertools.chain([first], coming), watch):
-            statistics.add(piece)
-            take(piece)
+        for batch in solver.solve_all(itertools.chain([first], coming), watch):
+            statistics.add(batch)
+            take(batch)
             if progress is not None:
-                progress(len(piece.vertices))
+                progress(len(batch.vertices))
     seconds = time.perf_counter() - started
     return statistics.report(history=history) | {
         "seconds": seconds,
@@ -105,7 +105,7 @@ class FusionResult:
 
 def collected(solve: Callable[[Take], dict[str, Any]]) -> FusionResult:
     """All frames of a fusion: `solve` hands its batches on and returns the report."""
-    found: list[tuple[np.ndarray, np.ndarray]] = []
-    report = solve(lambda piece: found.append((piece.vertices, piece.initial)))
-    vertices, initial = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    batches: list[tuple[np.ndarray, np.ndarray]] = []
+    report = solve(lambda batch: batches.append((batch.vertices, batch.initial)))
+    vertices, initial = (np.concatenate(parts) for parts in zip(*batches, strict=True))
     return FusionResult(vertices, initial, report)

@@ -1,4 +1,4 @@
-"""What a garment must stay outside of besides the body: a garment beneath it, and several obstacles at once."""
+"""What a garment must stay outside of besides the body: an inner garment, and several obstacles at once."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class OuterSurface:
                 "first at least 0, the others above 0"
             )
         self._mesh = MeshBvh(faces, n_vertices, device=device, name="inner")
-        self._numbers = float(band_m), float(inner_band_m), float(offset_m)
+        self._widths = float(band_m), float(inner_band_m), float(offset_m)
         self._rims = torch.from_numpy(_rims(self._mesh.faces, n_vertices)).to(self._mesh.device)
 
     def update(self, vertices: np.ndarray | torch.Tensor) -> None:
@@ -84,7 +84,7 @@ class OuterSurface:
 
         flat = self._mesh.points(points)
         packed = torch.empty((len(flat), 7), dtype=torch.float32, device=self._mesh.device)
-        self._mesh.launch(kernels.surface, flat, [*self._numbers, self._rims], [packed], count=len(flat))
+        self._mesh.launch(kernels.surface, flat, [*self._widths, self._rims], [packed], count=len(flat))
         return unpacked(packed, points)
 
     def distance(self, points: torch.Tensor) -> torch.Tensor:

@@ -18,11 +18,11 @@ _FARTHEST = 1e6  # metres; a band that cuts nothing off
 
 @dataclass(frozen=True, eq=False)
 class SdfQuery:
-    """What a query found for points (..., N, 3); plain values, without autograd.
+    """The answer to a query for points (..., N, 3); plain values, without autograd.
 
     Args:
         distance: (..., N) float32, metres, negative inside; the band's width for points beyond the band.
-        direction: (..., N, 3) float32 unit vectors, the gradient of the distance: the way out. 0 beyond the
+        direction: (..., N, 3) float32 unit vectors, the gradient of the distance: outwards. 0 beyond the
             band.
         closest: (..., N, 3) float32, metres, the closest point of the surface; beyond the band the point
             itself.
@@ -50,7 +50,7 @@ class BodySdf:
 
     Outside, the distance is that to the nearest surface. Inside a body part that no other part overlaps, minus
     the distance to the nearest surface. Where parts overlap (an arm pressed into the trunk), surfaces that lie
-    inside another part do not count: distance and direction are those of a way out of the whole, the shortest
+    inside another part do not count: distance and direction are those of an exit from the whole, the shortest
     of some two dozen and hence up to a few per cent too long.
 
     Queries compute in float32, whatever the dtype of the points, and may run in several threads once there is a
@@ -178,7 +178,7 @@ class BodySdf:
 
 
 def is_closed(faces: np.ndarray) -> bool:
-    """Whether each edge is passed as often one way as the other: no holes, and all faces turned alike.
+    """Whether each edge is passed as often in one direction as in the other: no holes, and all faces turned alike.
 
     Args:
         faces: (G, 3) integers.
@@ -201,8 +201,8 @@ def differentiable_distance(points: torch.Tensor, obstacle: Obstacle) -> torch.T
     Returns:
         (..., N), dtype of `points`.
     """
-    found: torch.Tensor = _Distance.apply(points, obstacle)
-    return found
+    distance: torch.Tensor = _Distance.apply(points, obstacle)
+    return distance
 
 
 def unpacked(packed: torch.Tensor, points: torch.Tensor) -> SdfQuery:
@@ -222,9 +222,9 @@ class _Distance(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, points: torch.Tensor, obstacle: Obstacle) -> torch.Tensor:
-        found = obstacle.query(points)
-        ctx.save_for_backward(found.direction)
-        return found.distance.to(points)
+        query = obstacle.query(points)
+        ctx.save_for_backward(query.direction)
+        return query.distance.to(points)
 
     @staticmethod
     @torch.autograd.function.once_differentiable

@@ -87,7 +87,7 @@ def test_a_dent_past_the_middle_comes_out_in_front():
     assert stretch(found).max() <= stretch(dent()).max()
 
 
-def test_a_shallow_vertex_gets_the_clearance_and_its_neighbours_follow_half_of_the_way():
+def test_a_shallow_vertex_gets_the_clearance_and_its_neighbours_make_half_of_its_step():
     """Hand values: the body's side is the plane x = 0, one vertex of a strip is 4 mm behind it."""
     x = [0.01, -0.004, 0.01, 0.01]
     strip = np.stack([x, [0.0, 0.1, 0.2, 0.1], [0.0, 0.0, 0.0, 0.1]], axis=1)
@@ -184,7 +184,7 @@ def test_a_gap_too_narrow_for_any_clearance_is_left_by_the_search():
     sheet = np.array([[0.0, 0.3, 0.0], [0.0, 0.05, 0.0], [0.0, 0.3, 0.1]])
     topology = Topology(Mesh(sheet, np.array([[0, 1, 2]])))
     found = lift_clear(torch.from_numpy(sheet)[None], sdf, topology, clearance_m=CLEARANCE, rounds=6)
-    assert found.escaped.tolist() == [[False, True, False]]
+    assert found.relocated.tolist() == [[False, True, False]]
     assert sdf.query(found.vertices).distance.min() >= CLEARANCE
     assert (found.vertices[0, 1] - torch.from_numpy(sheet)[1]).norm() < 0.08  # 5 cm to the gap's upper end
 
