@@ -1,7 +1,9 @@
 """From position and normal maps back to a mesh: section 3.3 of the paper.
 
-`api` (arrays) and `map_files` (files) are the ways in; `inputs`, `config`, `initialise`, `losses`, `stages`, `batches`,
-`stream` and `report` what happens between; `solvers` minimise, `obstacles` are what the garment stays outside of.
+`api` (arrays) and `map_files` (files) are the ways in; `inputs`, `config`, `initialise`, `losses`, `stages`,
+`frame_solver`, `stream` and `report` are what happens between; `solvers` minimise, `obstacles` are what the garment
+must stay outside of. Signed distances to a body or a garment (`BodySdf`, `OuterSurface`, several as `Obstacles`, their
+answers `SdfQuery`) serve everyone who asks where cloth is in a body, not only the fusion.
 """
 
 import lazy_loader

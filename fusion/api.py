@@ -24,8 +24,8 @@ def fuse(
     pinned_positions: Array | None = None,
     body_vertices: Array | None = None,
     body_faces: Array | None = None,
-    under_vertices: Array | None = None,
-    under_faces: Array | None = None,
+    inner_vertices: Array | None = None,
+    inner_faces: Array | None = None,
     config: FusionConfig | None = None,
     device: str | torch.device = "cpu",
     history: bool = False,
@@ -54,8 +54,8 @@ def fuse(
         pinned_positions: (T, P, 3) metres, where; None: where they start.
         body_vertices: (T, B, 3) metres, in the frame of the maps.
         body_faces: (G, 3) integers, counter-clockwise from outside.
-        under_vertices: (T, M, 3) metres, another garment worn beneath, whose outer surface this one stays outside of.
-        under_faces: (K, 3) integers, counter-clockwise from outside.
+        inner_vertices: (T, M, 3) metres, another garment worn beneath, whose outer surface this one stays outside of.
+        inner_faces: (K, 3) integers, counter-clockwise from outside.
         config: hyper-parameters; the defaults if None.
         device: torch device that computes.
         history: whether to report the terms at every iteration.
@@ -78,8 +78,8 @@ def fuse(
         pinned_positions=pinned_positions,
         body_vertices=body_vertices,
         body_faces=body_faces,
-        under_vertices=under_vertices,
-        under_faces=under_faces,
+        inner_vertices=inner_vertices,
+        inner_faces=inner_faces,
     )
     weighted = inputs.confidence is not None and bool((inputs.confidence[:, imager.mask] != 1).any())
     return collected(

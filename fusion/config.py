@@ -45,7 +45,7 @@ class FusionConfig(BaseModel):
         ge=0,
         lt=1,
         description="Of `local_global`, no unit: the first stage is finished when a step lowers the objective by a "
-        "smaller share of it; much smaller ones draw the cloth to its edges' lengths and away from the maps.",
+        "smaller fraction of it; much smaller ones draw the cloth to its edges' lengths and away from the maps.",
     )
     normal_tolerance: _Ratio = Field(
         default=0.03,
@@ -118,11 +118,11 @@ class FusionConfig(BaseModel):
         le=1,
         description="Metres from an obstacle within which its distance is computed; farther vertices cost less.",
     )
-    under_margin_m: _Metres = Field(
+    inner_margin_m: _Metres = Field(
         default=0.001,
         ge=0,
         lt=0.05,
-        description="Metres by which the surface of the garment beneath is raised, its thickness for instance.",
+        description="Metres by which the surface of the inner garment is raised, its thickness for instance.",
     )
     clearance_m: _Metres = Field(
         default=0.001,

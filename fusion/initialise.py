@@ -18,7 +18,7 @@ from render.mesh.sparse import SparseProduct
 
 # Weight of a view that looks along the surface at a vertex, against 1 for one that looks straight at it.
 _GRAZING = 0.01
-# Share of a reading's weights that must lie on pixels with a confidence, lest the rest be blown up.
+# Fraction of a reading's weights that must lie on pixels with a confidence, lest the rest be blown up.
 _KNOWN = 0.5
 
 
@@ -112,16 +112,16 @@ class InitialWeights:
             vertices = self(self._imager.sample(positions))
             return Readings(vertices, visible.any(0).expand(len(positions), -1))
         known = (confidence > 0).to(positions)[..., None]
-        # One sampling for all: positions, share of the reading that is known, confidence.
+        # One sampling for all: positions, fraction of the reading that is known, confidence.
         sampled = self._imager.sample(torch.cat([positions * known, known, confidence[..., None]], dim=-1))
-        share = sampled[..., 3]
-        usable = visible & (share > _KNOWN)
-        share = torch.where(usable, share, 1)
-        trust = torch.where(usable, sampled[..., 4] / share, 0).clamp(min=0)
+        fraction = sampled[..., 3]
+        usable = visible & (fraction > _KNOWN)
+        fraction = torch.where(usable, fraction, 1)
+        trust = torch.where(usable, sampled[..., 4] / fraction, 0).clamp(min=0)
         weight = trust * torch.from_numpy(self._frontal).to(trust)
         seen = (weight > 0).any(1)
         weight = weight / torch.where(seen, weight.sum(1), 1)[:, None]
-        vertices = (weight[..., None] * sampled[..., :3] / share[..., None]).sum(1)
+        vertices = (weight[..., None] * sampled[..., :3] / fraction[..., None]).sum(1)
         vertices = torch.stack(
             [self._filled(*frame) for frame in zip(vertices, (weight > 0).cpu().numpy(), strict=True)]
         )

@@ -24,7 +24,7 @@ _BY_FRAME = (
     "confidence",
     "pinned_positions",
     "body_vertices",
-    "under_vertices",
+    "inner_vertices",
 )
 _LIMITS = {"normals": 1e4, "confidence": 1e6}  # no unit; all else is in metres
 
@@ -41,8 +41,8 @@ class FusionInputs:
         initial: (T, N, 3) float32 on the CPU.
         pinned: (P,) int64 on the CPU, different vertices; None for P = 0 too.
         pinned_positions: (T, P, 3) float32 on the CPU; None where pinned vertices stay where they start.
-        body_vertices, under_vertices: (T, B, 3) and (T, M, 3) float32 on the CPU.
-        body_faces, under_faces: (G, 3) and (K, 3) int64 arrays.
+        body_vertices, inner_vertices: (T, B, 3) and (T, M, 3) float32 on the CPU.
+        body_faces, inner_faces: (G, 3) and (K, 3) int64 arrays.
 
     Raises:
         InputError: as `fuse` says.
@@ -61,14 +61,14 @@ class FusionInputs:
         pinned_positions: Array | None = None,
         body_vertices: Array | None = None,
         body_faces: Array | None = None,
-        under_vertices: Array | None = None,
-        under_faces: Array | None = None,
+        inner_vertices: Array | None = None,
+        inner_faces: Array | None = None,
     ) -> None:
         self._imager = imager
         self.rest = _checked_rest(rest, imager.mesh)
         self.pinned = _checked_pins(pinned, pinned_positions, len(imager.mesh.vertices))
         self.body_faces = _faces("body", body_vertices, body_faces)
-        self.under_faces = _faces("under", under_vertices, under_faces)
+        self.inner_faces = _faces("inner", inner_vertices, inner_faces)
         self._take(
             0,
             positions=positions,
@@ -77,9 +77,9 @@ class FusionInputs:
             confidence=confidence,
             pinned_positions=pinned_positions,
             body_vertices=body_vertices,
-            under_vertices=under_vertices,
+            inner_vertices=inner_vertices,
         )
-        for name in ("body", "under"):
+        for name in ("body", "inner"):
             vertices, faces = getattr(self, f"{name}_vertices"), getattr(self, f"{name}_faces")
             if faces is not None:
                 check_faces(faces, vertices.shape[1], f"{name}_faces")
@@ -116,7 +116,7 @@ class FusionInputs:
         confidence: Array | None,
         pinned_positions: Array | None,
         body_vertices: Array | None,
-        under_vertices: Array | None,
+        inner_vertices: Array | None,
     ) -> None:
         """Check what has one value a frame; `first` is the number of the first frame."""
         if (positions is None) == (initial is None):
@@ -132,14 +132,14 @@ class FusionInputs:
         self.normals = self._checked("normals", normals, maps, mask)
         self.confidence = self._checked_confidence(confidence, mask)
         self.initial = self._checked("initial", initial, (self.n_frames, len(self.rest.vertices), 3))
-        self.pinned_positions = self.body_vertices = self.under_vertices = None
+        self.pinned_positions = self.body_vertices = self.inner_vertices = None
         if self.pinned is not None:
             shape = (self.n_frames, len(self.pinned), 3)
             self.pinned_positions = self._checked("pinned_positions", pinned_positions, shape)
         if self.body_faces is not None:
             self.body_vertices = self._checked_surface("body", body_vertices)
-        if self.under_faces is not None:
-            self.under_vertices = self._checked_surface("under", under_vertices)
+        if self.inner_faces is not None:
+            self.inner_vertices = self._checked_surface("inner", inner_vertices)
 
     def _checked_confidence(self, values: Array | None, mask: torch.Tensor) -> torch.Tensor | None:
         """Refuse negative weights, and frames in which no pixel counts."""

@@ -62,24 +62,24 @@ def normal_consistency_loss(normals: torch.Tensor, topology: Topology) -> torch.
 
 
 def displacement_loss(
-    vertices: torch.Tensor, anchor: torch.Tensor, share: torch.Tensor | None = None
+    vertices: torch.Tensor, anchor: torch.Tensor, vertex_weights: torch.Tensor | None = None
 ) -> torch.Tensor:
     """Mean over vertices of the squared distance to `anchor`, in m²: the regulariser L_rv of section 3.3.
 
     Args:
         vertices: (..., N, 3), metres.
         anchor: (..., N, 3), where the position maps put the vertices.
-        share: (N,) or (..., N), at least 0, what each vertex counts; vertices with 0 are free. None is the mean
-            over all, 1 / N each; `anchor_share` makes the others.
+        vertex_weights: (N,) or (..., N), at least 0, what each vertex counts; vertices with 0 are free. None is the
+            mean over all, 1 / N each; `anchor_weights` makes the others.
 
     Returns:
         (...), the weighted sum.
     """
     squared = (vertices - anchor).square().sum(-1)
-    return squared.mean(-1) if share is None else (squared * share).sum(-1)
+    return squared.mean(-1) if vertex_weights is None else (squared * vertex_weights).sum(-1)
 
 
-def anchor_share(seen: torch.Tensor, confidence: torch.Tensor | None = None) -> torch.Tensor:
+def anchor_weights(seen: torch.Tensor, confidence: torch.Tensor | None = None) -> torch.Tensor:
     """What each vertex counts in `displacement_loss`: alike for all that are seen, times their confidence.
 
     Args:
@@ -89,9 +89,9 @@ def anchor_share(seen: torch.Tensor, confidence: torch.Tensor | None = None) -> 
     Returns:
         (N,) or (..., N), 1 / (number seen) at confidence 1, and 0 where not seen.
     """
-    share = seen.to(torch.float32 if confidence is None else confidence.dtype)
-    share = share / seen.sum().clamp(min=1)
-    return share if confidence is None else share * confidence
+    weights = seen.to(torch.float32 if confidence is None else confidence.dtype)
+    weights = weights / seen.sum().clamp(min=1)
+    return weights if confidence is None else weights * confidence
 
 
 def collision_loss(distance: torch.Tensor, *, margin_m: float = 0.0) -> torch.Tensor:

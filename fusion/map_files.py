@@ -31,13 +31,13 @@ class MapSurroundings:
         initial: (T, N, 3), vertices to start from; position maps are then neither needed nor used.
         pinned_positions: (T, P, 3), where pinned vertices are.
         body_vertices: (T, B, 3); the garment is kept out of it.
-        under_vertices: (T, M, 3), another garment worn beneath.
+        inner_vertices: (T, M, 3), another garment worn beneath.
     """
 
     initial: np.ndarray | None = None
     pinned_positions: np.ndarray | None = None
     body_vertices: np.ndarray | None = None
-    under_vertices: np.ndarray | None = None
+    inner_vertices: np.ndarray | None = None
 
 
 #: Given how many frames make a part, all frames in order, so many at a time, each part with what it is fused with.
@@ -55,8 +55,8 @@ def fuse_maps(
     pinned_positions: np.ndarray | None = None,
     body_vertices: np.ndarray | None = None,
     body_faces: np.ndarray | None = None,
-    under_vertices: np.ndarray | None = None,
-    under_faces: np.ndarray | None = None,
+    inner_vertices: np.ndarray | None = None,
+    inner_faces: np.ndarray | None = None,
     config: FusionConfig | None = None,
     device: str = "cpu",
     history: bool = False,
@@ -73,7 +73,7 @@ def fuse_maps(
             Values from inside are grown over them, and over pixels of the template that the maps' mask lacks.
         pinned, pinned_positions: (P,) vertices that stay in place, and (T, P, 3) metres, where.
         body_vertices, body_faces: (T, B, 3) metres and (G, 3); the garment is kept out of it.
-        under_vertices, under_faces: (T, M, 3) metres and (K, 3), another garment worn beneath.
+        inner_vertices, inner_faces: (T, M, 3) metres and (K, 3), another garment worn beneath.
         config, device, history, progress: as for `fuse`.
 
     Raises:
@@ -83,7 +83,7 @@ def fuse_maps(
         "initial": initial,
         "pinned_positions": pinned_positions,
         "body_vertices": body_vertices,
-        "under_vertices": under_vertices,
+        "inner_vertices": inner_vertices,
     }
     for name, values in by_frame.items():
         if values is not None and len(values) != maps.n_frames:
@@ -106,7 +106,7 @@ def fuse_maps(
             erode=erode,
             pinned=pinned,
             body_faces=body_faces,
-            under_faces=under_faces,
+            inner_faces=inner_faces,
             config=config,
             device=device,
             history=history,
@@ -125,7 +125,7 @@ def fuse_map_parts(
     erode: int = 0,
     pinned: np.ndarray | None = None,
     body_faces: np.ndarray | None = None,
-    under_faces: np.ndarray | None = None,
+    inner_faces: np.ndarray | None = None,
     config: FusionConfig | None = None,
     device: str = "cpu",
     history: bool = False,
@@ -137,7 +137,7 @@ def fuse_map_parts(
         maps: the same frames as those of `parts`: how many there are, and whether their pixels count alike.
         parts: the frames, with what each is fused with.
         take: gets every batch that is solved, in order.
-        template, positions_only, erode, pinned, body_faces, under_faces: as for `fuse_maps`.
+        template, positions_only, erode, pinned, body_faces, inner_faces: as for `fuse_maps`.
         config, device, history, progress: as for `fuse`.
 
     Returns:
@@ -148,12 +148,12 @@ def fuse_map_parts(
     """
     first, around = next(parts(1))
     reading = _MapReading(first, template, positions_only, erode, from_positions=around.initial is None)
-    if not reading.imaged and around.body_vertices is None and around.under_vertices is None:
+    if not reading.imaged and around.body_vertices is None and around.inner_vertices is None:
         raise InputError(
             "maps: initial vertices replace the position maps and there are no normals: nothing to fuse"
         )
     constant = {"rest": first.rest_vertices, "pinned": pinned}
-    constant |= {"body_faces": body_faces, "under_faces": under_faces}
+    constant |= {"body_faces": body_faces, "inner_faces": inner_faces}
 
     def batches(size: int) -> Iterator[FusionInputs]:
         inputs, done = None, 0

@@ -15,8 +15,8 @@ _threads: ContextVar[int | None] = ContextVar("threads", default=None)
 
 def n_threads() -> int:
     """How many threads may be kept busy: as many as torch has, or had outside of `one_torch_thread`."""
-    known = _threads.get()
-    return torch.get_num_threads() if known is None else known
+    allowed = _threads.get()
+    return torch.get_num_threads() if allowed is None else allowed
 
 
 @contextmanager

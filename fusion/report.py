@@ -1,15 +1,18 @@
-"""What is reported of a fusion, gathered piece by piece."""
+"""What is reported of a fusion, gathered batch by batch: means over the frames, and where the seconds go."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
 from typing import Any
 
 import numpy as np
 import torch
 
-from fusion.batches import BatchResult
 from fusion.config import FusionConfig
-from fusion.stages import SolverResult, edge_weights, normal_weights
+from fusion.stages import BatchResult, SolverResult, edge_weights, normal_weights
 
 _WEIGHTS = {"edge": edge_weights, "normal": normal_weights}
 
@@ -18,7 +21,7 @@ class Statistics:
     """Means over frames, of which none is kept.
 
     Args:
-        config: what the pieces are solved with.
+        config: what the batches are solved with.
     """
 
     def __init__(self, config: FusionConfig) -> None:
@@ -26,16 +29,16 @@ class Statistics:
         self._frames = 0
         self._stages = {name: _StageSums() for name in _WEIGHTS}
         self._unseen = 0.0
-        self._inside: np.ndarray | None = None  # sums of the shares before and after the clean-up
+        self._inside: np.ndarray | None = None  # sums of the fractions before and after the clean-up
 
-    def add(self, piece: BatchResult) -> None:
+    def add(self, batch: BatchResult) -> None:
         """Take in a batch."""
-        self._frames += len(piece.vertices)
-        for name, minimum in piece.stages.items():
-            self._stages[name].add(minimum)
-        self._unseen += float(piece.unseen.sum(dtype=np.float64))
-        if piece.inside is not None:
-            sums = np.array([share.sum(dtype=np.float64) for share in piece.inside])
+        self._frames += len(batch.vertices)
+        for name, solved in batch.stages.items():
+            self._stages[name].add(solved)
+        self._unseen += float(batch.unseen.sum(dtype=np.float64))
+        if batch.inside is not None:
+            sums = np.array([fraction.sum(dtype=np.float64) for fraction in batch.inside])
             self._inside = sums if self._inside is None else self._inside + sums
 
     def report(self, *, history: bool) -> dict[str, Any]:
@@ -79,10 +82,10 @@ class _StageSums:
         self.frames = self.iterations = 0
         self._sums: dict[str, np.ndarray] = {}  # (K,) by term, K the most values of any frame so far
 
-    def add(self, found: SolverResult) -> None:
-        self.frames += len(found.iterations)
-        self.iterations += int(found.iterations.sum())
-        for name, values in found.history.items():
+    def add(self, solved: SolverResult) -> None:
+        self.frames += len(solved.iterations)
+        self.iterations += int(solved.iterations.sum())
+        for name, values in solved.history.items():
             sums: np.ndarray = values.to("cpu", torch.float64).sum(1).numpy()
             before = self._sums.get(name)
             if before is not None:
@@ -97,3 +100,30 @@ class _StageSums:
 
 def _extended(sums: np.ndarray, length: int) -> np.ndarray:
     return np.concatenate([sums, np.full(length - len(sums), sums[-1])])
+
+
+class Stopwatch:
+    """Wall-clock seconds by stage, summed over its turns and over the threads that take them.
+
+    Args:
+        device: what computes; work that is under way on a GPU is waited for, so that each stage pays for its own.
+    """
+
+    def __init__(self, device: torch.device) -> None:
+        self._device = device
+        self.seconds: dict[str, float] = {}
+        self._lock = Lock()
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the seconds of the block to stage `name`."""
+        self._wait()
+        started = time.perf_counter()
+        yield
+        self._wait()
+        with self._lock:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - started
+
+    def _wait(self) -> None:
+        if self._device.type == "cuda":
+            torch.cuda.synchronize(self._device)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
 import torch
 
 from fusion.config import FusionConfig
@@ -22,7 +23,7 @@ class StageProblem:
     Args:
         start: (T, N, 3) metres, where to start.
         anchor: (T, N, 3) metres, where displacements are measured from.
-        share: (T, N) or (N,), what each vertex's displacement counts; None: 1 / N each.
+        vertex_weights: (T, N) or (N,), what each vertex's displacement counts; None: 1 / N each.
         target: (T, P, 3) unit normals at the P covered pixels, ordered as `PixelFaces.places`.
         confidence: (T, P), what each pixel counts; None: 1 each.
         obstacle: the T posed bodies, or whatever vertices must stay outside of.
@@ -30,7 +31,7 @@ class StageProblem:
 
     start: torch.Tensor
     anchor: torch.Tensor
-    share: torch.Tensor | None = None
+    vertex_weights: torch.Tensor | None = None
     target: torch.Tensor | None = None
     confidence: torch.Tensor | None = None
     obstacle: Obstacle | None = None
@@ -38,7 +39,7 @@ class StageProblem:
 
 @dataclass(frozen=True, eq=False)
 class SolverResult:
-    """What a solver found.
+    """What a solver returns.
 
     Args:
         vertices: (T, N, 3) metres.
@@ -53,6 +54,24 @@ class SolverResult:
     def at(self, step: int) -> Terms:
         """The terms (T,) after so many steps, -1 for the last."""
         return {name: values[step] for name, values in self.history.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class BatchResult:
+    """One batch of frames, solved.
+
+    Args:
+        vertices, initial: (T, N, 3) float32, metres.
+        stages: what the solver returned, by stage.
+        unseen: (T,) fraction of the vertices that were not read from the maps.
+        inside: (T,) fractions of the vertices below an obstacle's surface before and after the clean-up.
+    """
+
+    vertices: np.ndarray
+    initial: np.ndarray
+    stages: dict[str, SolverResult]
+    unseen: np.ndarray
+    inside: tuple[np.ndarray, np.ndarray] | None
 
 
 class Solver(Protocol):

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from fusion.batches import BatchResult, Pipeline, frames_at_once, usable_threads
 from fusion.config import FusionConfig
+from fusion.frame_solver import FrameSolver, frames_at_once, usable_threads
 from fusion.inputs import FusionInputs
 from fusion.parallel import one_torch_thread
-from fusion.report import Statistics
-from fusion.stopwatch import Stopwatch
+from fusion.report import Statistics, Stopwatch
+from fusion.stages import BatchResult
 from render.maps.imager import TemplateImager
 from render.threads import one_blas_thread
 
@@ -64,12 +64,12 @@ def fuse_batches(
         coming = batches(frames_at_once(config, threads, n_frames))
         first = next(coming)
         with watch.stage("setup"):
-            pipeline = Pipeline(imager, first, config, device, threads=threads, weighted=weighted)
-        for piece in pipeline.pieces(itertools.chain([first], coming), watch):
-            statistics.add(piece)
-            take(piece)
+            solver = FrameSolver(imager, first, config, device, threads=threads, weighted=weighted)
+        for batch in solver.solve_all(itertools.chain([first], coming), watch):
+            statistics.add(batch)
+            take(batch)
             if progress is not None:
-                progress(len(piece.vertices))
+                progress(len(batch.vertices))
     seconds = time.perf_counter() - started
     return statistics.report(history=history) | {
         "seconds": seconds,
@@ -105,7 +105,7 @@ class FusionResult:
 
 def collected(solve: Callable[[Take], dict[str, Any]]) -> FusionResult:
     """All frames of a fusion: `solve` hands its batches on and returns the report."""
-    found: list[tuple[np.ndarray, np.ndarray]] = []
-    report = solve(lambda piece: found.append((piece.vertices, piece.initial)))
-    vertices, initial = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    batches: list[tuple[np.ndarray, np.ndarray]] = []
+    report = solve(lambda batch: batches.append((batch.vertices, batch.initial)))
+    vertices, initial = (np.concatenate(parts) for parts in zip(*batches, strict=True))
     return FusionResult(vertices, initial, report)

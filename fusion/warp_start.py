@@ -38,9 +38,9 @@ def launch(kernel: Any, **arguments: Any) -> Any:
     if key in _built:
         return warp_module().launch(kernel, **arguments)
     with _building:
-        found = warp_module().launch(kernel, **arguments)
+        launched = warp_module().launch(kernel, **arguments)
         _built.add(key)
-    return found
+    return launched
 
 
 @contextmanager

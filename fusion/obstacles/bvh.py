@@ -20,7 +20,7 @@ _WORTH_A_THREAD = 2000  # points; for fewer, waking it costs more than it does
 _FARTHEST = 1e6  # metres; float32 points farther away have no use
 
 
-class MovingMesh:
+class MeshBvh:
     """One pose of a mesh, or one pose a frame, for closest-point queries on Warp.
 
     The search structure is built at the first `update` and refitted at later ones, since the faces never

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import torch
 
-from fusion.obstacles.escape import SdfCache, escape
 from fusion.obstacles.sdf import Obstacle
 from fusion.topology import Topology
 from render.mesh.mesh import safe_normalize
 
-# Share of a lifted vertex's way that its neighbours go along, so that a single lifted vertex makes no spike.
+# Fraction of a lifted vertex's step that its neighbours make, so that a single lifted vertex makes no spike.
 _FOLLOW = 0.5
 # Metres more than asked for, so that rounding leaves no vertex a hair below.
 _MORE = 2e-6
@@ -19,8 +18,11 @@ _MORE = 2e-6
 _REACH = 0.02
 # Edges of deep vertices are pulled to at most so many times their rest length, in so many sweeps a round.
 _STRETCH, _SWEEPS = 1.5, 10
-# Between two walls: metres that may be missing, and the longest way along their middle in multiples of that.
-_SQUEEZED, _LONGEST_WAY = 0.005, 10.0
+# Between two walls: metres that may be missing, and the longest step along their middle in multiples of that.
+_SQUEEZED, _LONGEST_STEP = 0.005, 10.0
+# Of the search at the end: directions tried at every distance, and in metres the first distance, the ratio of each
+# distance to the one before, and the last one.
+_DIRECTIONS, _NEAREST, _RATIO, _UTMOST = 64, 1e-3, 1.25, 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class Clearance:
         vertices: (T, N, 3), metres.
         rounds: in which something was lifted.
         queried: points that the obstacle was asked about, in multiples of T N.
-        escaped: (T, N) bool, vertices that no round got out and a search in all directions did.
+        relocated: (T, N) bool, vertices that no round got out and a search in all directions did.
         remaining: (T, N) bool, vertices still nearer than the clearance: pinned, or shut in on all sides.
         distance: (T, N) metres, signed distances at the end.
     """
@@ -39,7 +41,7 @@ class Clearance:
     vertices: torch.Tensor
     rounds: int
     queried: float
-    escaped: torch.Tensor
+    relocated: torch.Tensor
     remaining: torch.Tensor
     distance: torch.Tensor
 
@@ -54,8 +56,7 @@ def clear_body(
     fixed: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """The vertices (T, N, 3) of `lift_clear`, which explains the rest."""
-    found = lift_clear(vertices, sdf, topology, clearance_m=clearance_m, rounds=rounds, fixed=fixed)
-    return found.vertices
+    return lift_clear(vertices, sdf, topology, clearance_m=clearance_m, rounds=rounds, fixed=fixed).vertices
 
 
 def lift_clear(
@@ -70,7 +71,7 @@ def lift_clear(
     """Lift vertices that are nearer to the body than `clearance_m`, or inside it.
 
     Each round lifts along the distance's gradient, or where that differs from the round before (the fold between arm
-    and trunk), along the middle of both. Neighbours that have clearance themselves follow half of the way,
+    and trunk), along the middle of both. Neighbours that have clearance themselves make half of its step,
     on average over their neighbours; in the last two rounds nothing follows, so that it cannot push anything back
     in. Vertices deeper than a reach, 2 cm at first and twice as much with every round, wait: the cloth around them,
     once it is out, pulls them along by their edges, so that they come out on its side. What is still inside after
@@ -102,12 +103,12 @@ def lift_clear(
         last = number >= rounds - 2
         reach = float("inf") if last else _REACH * 2**number
         cache.move(_round(cache, topology, missing, reach=reach, follow=not last, loose=loose))
-    escaped = torch.zeros_like(cache.distance, dtype=torch.bool)
+    relocated = torch.zeros_like(cache.distance, dtype=torch.bool)
     if rounds:
-        escaped = escape(cache, (cache.distance < clearance_m) & loose, clearance_m)
+        relocated = move_to_clear_places(cache, (cache.distance < clearance_m) & loose, clearance_m)
     remaining = cache.distance < clearance_m
     asked = cache.asked / max(remaining.numel(), 1)
-    return Clearance(cache.vertices, number, asked, escaped, remaining, cache.distance)
+    return Clearance(cache.vertices, number, asked, relocated, remaining, cache.distance)
 
 
 def _round(
@@ -124,9 +125,9 @@ def _round(
     deep = low & (cache.distance < -reach)
     lifted = (low & ~deep)[..., None]
     squeezed = (missing < _SQUEEZED)[..., None]
-    way = safe_normalize(cache.direction + torch.where(squeezed, cache.lifted_along, 0.0))
-    slope = (way * cache.direction).sum(-1, keepdim=True).clamp(min=1 / _LONGEST_WAY)
-    lift = torch.where(lifted, (missing + _MORE)[..., None] * way / slope, 0.0)
+    upward = safe_normalize(cache.direction + torch.where(squeezed, cache.lifted_along, 0.0))
+    slope = (upward * cache.direction).sum(-1, keepdim=True).clamp(min=1 / _LONGEST_STEP)
+    lift = torch.where(lifted, (missing + _MORE)[..., None] * upward / slope, 0.0)
     cache.lifted_along = torch.where(lifted, cache.direction, 0.0)
     if follow:
         degree = topology.adjacency(lift.new_ones(topology.n_vertices, 1)).clamp(min=1)
@@ -153,3 +154,70 @@ def _pulled(vertices: torch.Tensor, deep: torch.Tensor, topology: Topology) -> t
         step = total[..., :3] / total[..., 3:].clamp(min=1)
         vertices = torch.where(deep[..., None], vertices + step, vertices)
     return vertices
+
+
+class SdfCache:
+    """Vertices with their distance and direction; only those that moved are asked about again.
+
+    Args:
+        vertices: (T, N, 3), metres.
+        sdf: one posed obstacle a frame.
+    """
+
+    def __init__(self, vertices: torch.Tensor, sdf: Obstacle) -> None:
+        self.sdf, self.vertices = sdf, vertices
+        query = sdf.query(vertices)
+        self.distance, self.direction = query.distance.to(vertices), query.direction.to(vertices)
+        #: (T, N, 3) along which the last round lifted each vertex; 0 where it did not.
+        self.lifted_along = torch.zeros_like(vertices)
+        self.asked = self.distance.numel()
+
+    def move(self, vertices: torch.Tensor) -> None:
+        """Take other vertices (T, N, 3)."""
+        moved = (vertices != self.vertices).any(-1)
+        places = _padded_places(moved)
+        spots = places[..., None].expand(-1, -1, 3)
+        query = self.sdf.query(vertices.gather(1, spots))
+        self.vertices = vertices
+        self.distance = self.distance.scatter(1, places, query.distance.to(vertices))
+        self.direction = self.direction.scatter(1, spots, query.direction.to(vertices))
+        self.asked += places.numel()
+
+
+def _padded_places(chosen: torch.Tensor) -> torch.Tensor:
+    """(T, N) bool -> (T, K) int64: where each row is true, K the most in a row; shorter rows end with any others."""
+    most = int(chosen.sum(-1).max()) if chosen.numel() else 0
+    return torch.argsort(chosen, dim=1, descending=True, stable=True)[:, :most]
+
+
+def move_to_clear_places(cache: SdfCache, inside: torch.Tensor, clearance_m: float) -> torch.Tensor:
+    """Move the vertices `inside` (T, N) each to its nearest clear place among a set of directions and distances.
+
+    Returns:
+        (T, N) bool, those that have one.
+    """
+    relocated = torch.zeros_like(inside)
+    directions = _sphere(_DIRECTIONS).to(cache.vertices)
+    distance = _NEAREST
+    while bool(inside.any()) and distance < _UTMOST:
+        places = _padded_places(inside)
+        spots = places[..., None].expand(-1, -1, 3)
+        tried = cache.vertices.gather(1, spots)[:, :, None] + distance * directions
+        clear = cache.sdf.query(tried.flatten(1, 2)).distance.reshape(tried.shape[:-1]) >= clearance_m
+        cache.asked += clear.numel()
+        out = clear.any(-1) & inside.gather(1, places)
+        best = clear.to(torch.uint8).argmax(-1)[..., None, None].expand(-1, -1, 1, 3)
+        target = torch.where(out[..., None], tried.gather(2, best)[:, :, 0], cache.vertices.gather(1, spots))
+        relocated = relocated.scatter(1, places, out | relocated.gather(1, places))
+        cache.move(cache.vertices.scatter(1, spots, target))
+        inside = inside & ~relocated
+        distance *= _RATIO
+    return relocated
+
+
+def _sphere(count: int) -> torch.Tensor:
+    """(count, 3) unit vectors spread evenly."""
+    k = torch.arange(count, dtype=torch.float64)
+    up, angle = 1 - (2 * k + 1) / count, k * torch.pi * (3 - 5**0.5)
+    around = (1 - up.square()).sqrt()
+    return torch.stack([around * angle.cos(), up, around * angle.sin()], dim=1)

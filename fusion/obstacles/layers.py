@@ -1,4 +1,4 @@
-"""What a garment must stay outside of besides the body: a garment beneath it, and several obstacles at once."""
+"""What a garment must stay outside of besides the body: an inner garment, and several obstacles at once."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import torch
 
-from fusion.obstacles.bvh import MovingMesh
+from fusion.obstacles.bvh import MeshBvh
 from fusion.obstacles.sdf import Obstacle, SdfQuery, differentiable_distance, unpacked
 from render import InputError
 
@@ -25,7 +25,7 @@ class OuterSurface:
     """Signed distance to the outer side of an open surface: a garment worn beneath another one.
 
     An open surface has no inside. A point counts as below it if it lies behind the closest point's normal, no
-    deeper than `under_band_m`. Loose cloth hangs 5 cm off the body, so the default is more; much deeper, a point is
+    deeper than `inner_band_m`. Loose cloth hangs 5 cm off the body, so the default is more; much deeper, a point is
     on the body's other side. A point whose closest point is on the surface's rim is not covered, and free. So is
     every point farther out than `band_m`. Points that are free have the distance `band_m` and no direction.
 
@@ -38,7 +38,7 @@ class OuterSurface:
         device: a torch device, "cpu" or "cuda"; points must lie on it.
         offset_m: metres by which the surface is raised, at least 0: distances are to the raised surface.
         band_m: metres above the raised surface.
-        under_band_m: metres below the surface itself.
+        inner_band_m: metres below the surface itself.
 
     Raises:
         InputError: faces of a wrong shape, indices out of range, or widths that are not positive.
@@ -52,15 +52,15 @@ class OuterSurface:
         device: str | torch.device = "cpu",
         offset_m: float = 0.0,
         band_m: float = 0.05,
-        under_band_m: float = 0.1,
+        inner_band_m: float = 0.1,
     ) -> None:
-        if not (offset_m >= 0 and band_m > 0 and under_band_m > 0):
+        if not (offset_m >= 0 and band_m > 0 and inner_band_m > 0):
             raise InputError(
-                f"offset_m is {offset_m}, band_m {band_m}, under_band_m {under_band_m}; metres are wanted, the "
+                f"offset_m is {offset_m}, band_m {band_m}, inner_band_m {inner_band_m}; metres are wanted, the "
                 "first at least 0, the others above 0"
             )
-        self._mesh = MovingMesh(faces, n_vertices, device=device, name="under")
-        self._numbers = float(band_m), float(under_band_m), float(offset_m)
+        self._mesh = MeshBvh(faces, n_vertices, device=device, name="inner")
+        self._widths = float(band_m), float(inner_band_m), float(offset_m)
         self._rims = torch.from_numpy(_rims(self._mesh.faces, n_vertices)).to(self._mesh.device)
 
     def update(self, vertices: np.ndarray | torch.Tensor) -> None:
@@ -84,7 +84,7 @@ class OuterSurface:
 
         flat = self._mesh.points(points)
         packed = torch.empty((len(flat), 7), dtype=torch.float32, device=self._mesh.device)
-        self._mesh.launch(kernels.surface, flat, [*self._numbers, self._rims], [packed], count=len(flat))
+        self._mesh.launch(kernels.surface, flat, [*self._widths, self._rims], [packed], count=len(flat))
         return unpacked(packed, points)
 
     def distance(self, points: torch.Tensor) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""Rays through a closed mesh that may overlap itself: winding numbers by counting, and ways out. Warp functions."""
+"""Rays through a closed mesh that may overlap itself: winding numbers by counting, and exits. Warp functions."""
 
 # mypy: ignore-errors
 # ruff: noqa: UP018, RUF046
@@ -12,15 +12,15 @@ FARTHEST = wp.constant(1.0e6)
 STEP = wp.constant(1.0e-5)
 # Surfaces that one ray may cross.
 CROSSINGS = wp.constant(64)
-# Directions in which a way out is looked for, and steps that turn the best one towards the surface's normal.
-WAYS = wp.constant(24)
+# Directions in which an exit is looked for, and steps that turn the best one towards the surface's normal.
+DIRECTIONS = wp.constant(24)
 TURNS = wp.constant(3)
 GOLDEN_ANGLE = wp.constant(2.3999632)
 
 
 @wp.func
 def crossings(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3):
-    """Winding number of `start` in a closed mesh: surfaces left minus surfaces entered on the way to infinity."""
+    """Winding number of `start` in a closed mesh: surfaces left minus surfaces entered on the direction to infinity."""
     total = int(0)
     passed = int(0)
     at = start
@@ -36,12 +36,12 @@ def crossings(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3):
 
 
 @wp.func
-def way_out(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3, depth: int):
+def exit_along(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3, depth: int):
     """Metres to where the winding number, `depth` at the start, gets 0 (FARTHEST: nowhere), with the normal there."""
     left = depth
     passed = int(0)
     gone = float(0.0)
-    found = wp.vec4(0.0, 0.0, 0.0, FARTHEST)
+    exit = wp.vec4(0.0, 0.0, 0.0, FARTHEST)
     going = bool(True)
     while going:
         hit = wp.mesh_query_ray(mesh, start + direction * gone, direction, FARTHEST)
@@ -49,31 +49,31 @@ def way_out(mesh: wp.uint64, start: wp.vec3, direction: wp.vec3, depth: int):
         if hit.result:
             left += wp.where(hit.sign > 0.0, 1, -1)
             if left == 0:
-                found = wp.vec4(hit.normal[0], hit.normal[1], hit.normal[2], gone + hit.t)
+                exit = wp.vec4(hit.normal[0], hit.normal[1], hit.normal[2], gone + hit.t)
                 going = False
             gone += hit.t + STEP
             passed += 1
-    return found
+    return exit
 
 
 @wp.func
-def nearest_way_out(mesh: wp.uint64, start: wp.vec3, depth: int):
-    """Unit vector and metres to about the nearest point of the outer surface; FARTHEST metres: none found."""
+def nearest_exit(mesh: wp.uint64, start: wp.vec3, depth: int):
+    """Unit vector and metres to about the nearest point of the outer surface; FARTHEST metres: none exit."""
     best = wp.vec4(0.0, 0.0, 0.0, FARTHEST)
     normal = wp.vec3(0.0, 0.0, 0.0)
-    for k in range(WAYS):  # spread evenly over the sphere
-        up = 1.0 - (2.0 * float(k) + 1.0) / float(WAYS)
+    for k in range(DIRECTIONS):  # spread evenly over the sphere
+        up = 1.0 - (2.0 * float(k) + 1.0) / float(DIRECTIONS)
         around = wp.sqrt(1.0 - up * up)
         angle = GOLDEN_ANGLE * float(k)
-        way = wp.vec3(around * wp.cos(angle), up, around * wp.sin(angle))
-        found = way_out(mesh, start, way, depth)
-        if found[3] < best[3]:
-            best = wp.vec4(way[0], way[1], way[2], found[3])
-            normal = wp.vec3(found[0], found[1], found[2])
+        direction = wp.vec3(around * wp.cos(angle), up, around * wp.sin(angle))
+        exit = exit_along(mesh, start, direction, depth)
+        if exit[3] < best[3]:
+            best = wp.vec4(direction[0], direction[1], direction[2], exit[3])
+            normal = wp.vec3(exit[0], exit[1], exit[2])
     for _turn in range(TURNS):
         if wp.length(normal) > 0.5:
-            found = way_out(mesh, start, normal, depth)
-            if found[3] < best[3]:
-                best = wp.vec4(normal[0], normal[1], normal[2], found[3])
-                normal = wp.vec3(found[0], found[1], found[2])
+            exit = exit_along(mesh, start, normal, depth)
+            if exit[3] < best[3]:
+                best = wp.vec4(normal[0], normal[1], normal[2], exit[3])
+                normal = wp.vec3(exit[0], exit[1], exit[2])
     return best

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import torch
 
-from fusion.obstacles.bvh import MovingMesh
+from fusion.obstacles.bvh import MeshBvh
 from render import InputError
 
 Sign = Literal["checked", "winding", "normal"]
@@ -18,11 +18,11 @@ _FARTHEST = 1e6  # metres; a band that cuts nothing off
 
 @dataclass(frozen=True, eq=False)
 class SdfQuery:
-    """What a query found for points (..., N, 3); plain values, without autograd.
+    """The answer to a query for points (..., N, 3); plain values, without autograd.
 
     Args:
         distance: (..., N) float32, metres, negative inside; the band's width for points beyond the band.
-        direction: (..., N, 3) float32 unit vectors, the gradient of the distance: the way out. 0 beyond the
+        direction: (..., N, 3) float32 unit vectors, the gradient of the distance: outwards. 0 beyond the
             band.
         closest: (..., N, 3) float32, metres, the closest point of the surface; beyond the band the point
             itself.
@@ -50,7 +50,7 @@ class BodySdf:
 
     Outside, the distance is that to the nearest surface. Inside a body part that no other part overlaps, minus
     the distance to the nearest surface. Where parts overlap (an arm pressed into the trunk), surfaces that lie
-    inside another part do not count: distance and direction are those of a way out of the whole, the shortest
+    inside another part do not count: distance and direction are those of an exit from the whole, the shortest
     of some two dozen and hence up to a few per cent too long.
 
     Queries compute in float32, whatever the dtype of the points, and may run in several threads once there is a
@@ -85,12 +85,12 @@ class BodySdf:
     ) -> None:
         if band_m is not None and not band_m > 0:
             raise InputError(f"band_m is {band_m}; metres above 0 are wanted, or None for no band")
-        self._body = MovingMesh(faces, n_vertices, device=device, name="body", winding=sign == "winding")
+        self._body = MeshBvh(faces, n_vertices, device=device, name="body", winding=sign == "winding")
         self._closed = is_closed(self._body.faces)
         self.sign: Sign = "winding" if sign == "checked" and not self._closed else sign
         if self.sign != sign:
-            self._body = MovingMesh(faces, n_vertices, device=device, name="body", winding=True)
-        self._doubted: MovingMesh | None = None  # with winding numbers, made and moved only when asked for
+            self._body = MeshBvh(faces, n_vertices, device=device, name="body", winding=True)
+        self._doubted: MeshBvh | None = None  # with winding numbers, made and moved only when asked for
         self._pose: torch.Tensor | None = None
         self._doubted_pose: torch.Tensor | None = None
         self._doubted_lock = Lock()  # of several queries at once, the first one makes it
@@ -163,11 +163,11 @@ class BodySdf:
         """
         return differentiable_distance(points, self)
 
-    def _with_winding(self) -> MovingMesh:
+    def _with_winding(self) -> MeshBvh:
         """The same pose with what winding numbers need; moving that costs more than all else of an update."""
         with self._doubted_lock:
             if self._doubted is None:
-                self._doubted = MovingMesh(
+                self._doubted = MeshBvh(
                     self._body.faces, self.n_vertices, device=self.device, name="body", winding=True
                 )
             if self._doubted_pose is not self._pose:
@@ -178,7 +178,7 @@ class BodySdf:
 
 
 def is_closed(faces: np.ndarray) -> bool:
-    """Whether each edge is passed as often one way as the other: no holes, and all faces turned alike.
+    """Whether each edge is passed as often in one direction as in the other: no holes, and all faces turned alike.
 
     Args:
         faces: (G, 3) integers.
@@ -201,8 +201,8 @@ def differentiable_distance(points: torch.Tensor, obstacle: Obstacle) -> torch.T
     Returns:
         (..., N), dtype of `points`.
     """
-    found: torch.Tensor = _Distance.apply(points, obstacle)
-    return found
+    distance: torch.Tensor = _Distance.apply(points, obstacle)
+    return distance
 
 
 def unpacked(packed: torch.Tensor, points: torch.Tensor) -> SdfQuery:
@@ -222,9 +222,9 @@ class _Distance(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, points: torch.Tensor, obstacle: Obstacle) -> torch.Tensor:
-        found = obstacle.query(points)
-        ctx.save_for_backward(found.direction)
-        return found.distance.to(points)
+        query = obstacle.query(points)
+        ctx.save_for_backward(query.direction)
+        return query.distance.to(points)
 
     @staticmethod
     @torch.autograd.function.once_differentiable

@@ -7,7 +7,7 @@
 
 import warp as wp
 
-from fusion.obstacles.ray_kernels import FARTHEST, crossings, nearest_way_out
+from fusion.obstacles.ray_kernels import FARTHEST, crossings, nearest_exit
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,7 +47,7 @@ def store_signed(
     i: int,
     packed: wp.array2d(dtype=float),
 ):
-    """Write what was found nearer than `band` or inside; otherwise the band, without a direction."""
+    """Write what is nearer than `band` or inside; otherwise the band, without a direction."""
     distance = side * wp.length(point - closest)
     if distance < band:
         store(i, distance, away_from(mesh, face, closest, point, side), closest, packed)
@@ -56,7 +56,7 @@ def store_signed(
 
 
 @wp.func
-def store_found(
+def store_query(
     query: wp.MeshQueryPoint,
     mesh: wp.uint64,
     point: wp.vec3,
@@ -103,11 +103,11 @@ def checked(
         offset = point - closest
         side = wp.where(wp.dot(offset, wp.mesh_eval_face_normal(mesh, query.face)) < 0.0, -1.0, 1.0)
         # On along the line from the closest point: never through it, nor along the faces that meet there.
-        way = side * away_from(mesh, query.face, closest, point, side)
+        outward = side * away_from(mesh, query.face, closest, point, side)
         start = point
         if wp.length(offset) <= TOUCHING:
-            start = closest + way * OUTSIDE
-        around = crossings(mesh, start, way)
+            start = closest + outward * OUTSIDE
+        around = crossings(mesh, start, outward)
         if around != wp.where(side < 0.0, 1, 0):
             doubt[i] = wp.where(around == 0, -1, around)
         store_signed(mesh, query.face, closest, point, side, band, i, packed)
@@ -125,19 +125,19 @@ def settled(
     doubt: wp.array(dtype=int),
     packed: wp.array2d(dtype=float),
 ):
-    """For points in doubt: the sign from the winding number; inside, the way to the outer surface."""
+    """For points in doubt: the sign from the winding number; inside, the exit to the outer surface."""
     i = doubtful[wp.tid()]
     mesh = meshes[i // per_body]
     point = points[i]
     query = wp.mesh_query_point_sign_winding_number(mesh, point, FARTHEST)
-    store_found(query, mesh, point, band, i, packed)
+    store_query(query, mesh, point, band, i, packed)
     if query.result and query.sign < 0.0:
         front = wp.mesh_query_point_sign_normal(mesh, point, FARTHEST)
         if front.sign > 0.0 or doubt[i] > 1:  # not just behind a sharp edge
-            best = nearest_way_out(mesh, point, wp.max(doubt[i], 1))
+            best = nearest_exit(mesh, point, wp.max(doubt[i], 1))
             if best[3] < FARTHEST:
-                way = wp.vec3(best[0], best[1], best[2])
-                store(i, -best[3], way, point + way * best[3], packed)
+                outward = wp.vec3(best[0], best[1], best[2])
+                store(i, -best[3], outward, point + outward * best[3], packed)
 
 
 @wp.kernel
@@ -152,7 +152,7 @@ def winding(
     i = wp.tid()
     mesh = meshes[i // per_body]
     query = wp.mesh_query_point_sign_winding_number(mesh, points[i], FARTHEST)
-    store_found(query, mesh, points[i], band, i, packed)
+    store_query(query, mesh, points[i], band, i, packed)
 
 
 @wp.kernel
@@ -167,7 +167,7 @@ def normal(
     i = wp.tid()
     mesh = meshes[i // per_body]
     query = wp.mesh_query_point_sign_normal(mesh, points[i], FARTHEST)
-    store_found(query, mesh, points[i], band, i, packed)
+    store_query(query, mesh, points[i], band, i, packed)
 
 
 @wp.kernel

@@ -45,7 +45,7 @@ class AdamSolver:
         """First stage: L_e + λ_rv L_rv, the displacement over visible vertices only."""
 
         def terms(vertices: torch.Tensor, step: int) -> Terms:
-            return self._always(vertices, problem)
+            return self._both_stages(vertices, problem)
 
         return self._minimise(problem, terms, edge_weights(self._config), self._config.edge_steps)
 
@@ -58,30 +58,30 @@ class AdamSolver:
 
         def terms(vertices: torch.Tensor, step: int) -> Terms:
             normals = topology.normals(vertices)
-            found = {"normal_consistency": normal_consistency_loss(normals, topology)}
-            found |= self._always(vertices, problem)
+            values = {"normal_consistency": normal_consistency_loss(normals, topology)}
+            values |= self._both_stages(vertices, problem)
             if problem.target is not None:
                 assert self._pixels is not None
-                found["normal_rendering"] = normal_rendering_loss(
+                values["normal_rendering"] = normal_rendering_loss(
                     self._pixels(normals), problem.target, problem.confidence
                 )
             if distance is not None:
-                found["collision_m"] = collision_loss(
+                values["collision_m"] = collision_loss(
                     distance(vertices, step), margin_m=config.collision_margin_m
                 )
-            return found
+            return values
 
         return self._minimise(problem, terms, normal_weights(config), config.normal_steps)
 
-    def _always(self, vertices: torch.Tensor, problem: StageProblem) -> Terms:
+    def _both_stages(self, vertices: torch.Tensor, problem: StageProblem) -> Terms:
         """The terms of both stages."""
-        found = {
+        values = {
             "edge_length_m2": edge_length_loss(vertices, self._topology),
-            "displacement_m2": displacement_loss(vertices, problem.anchor, problem.share),
+            "displacement_m2": displacement_loss(vertices, problem.anchor, problem.vertex_weights),
         }
         if self._config.weight_temporal:
-            found["temporal_m2"] = temporal_loss(vertices)
-        return found
+            values["temporal_m2"] = temporal_loss(vertices)
+        return values
 
     def _minimise(
         self,
@@ -118,9 +118,9 @@ def minimise(
     optimiser = torch.optim.Adam([vertices], lr=learning_rate)
     history: list[Terms] = []
     for step in range(steps):
-        found = terms(vertices, step)
-        history.append({name: value.detach() for name, value in found.items()})
-        (vertices.grad,) = torch.autograd.grad(total(found, weights).sum(), [vertices])
+        values = terms(vertices, step)
+        history.append({name: value.detach() for name, value in values.items()})
+        (vertices.grad,) = torch.autograd.grad(total(values, weights).sum(), [vertices])
         if fixed is not None:
             vertices.grad[:, fixed] = 0  # and so are Adam's moments: its step is exactly 0
         optimiser.step()
@@ -147,7 +147,7 @@ class TangentDistance:
     def __call__(self, vertices: torch.Tensor, step: int) -> torch.Tensor:
         """(T, N, 3) metres -> (T, N) metres, negative inside, differentiable; exact at steps with a query."""
         if step % self._every == 0:
-            found = self._obstacle.query(vertices)
-            self._direction = found.direction.to(vertices)
-            self._offset = found.distance.to(vertices) - (self._direction * vertices.detach()).sum(-1)
+            query = self._obstacle.query(vertices)
+            self._direction = query.direction.to(vertices)
+            self._offset = query.distance.to(vertices) - (self._direction * vertices.detach()).sum(-1)
         return self._offset + (self._direction * vertices).sum(-1)

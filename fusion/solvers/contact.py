@@ -29,7 +29,7 @@ class Contact:
     Attributes:
         normal: (T, N, 3) unit vectors away from the surface, 0 where it is too far to matter.
         offset: (T, N) metres: a vertex x is above its plane where normal · x is at least this.
-        depth: (T,) metres, the collision term of equation 7 at the last look.
+        depth: (T,) metres, the collision term of equation 7 at the last query.
     """
 
     def __init__(self, obstacle: Obstacle, like: torch.Tensor, *, margin_m: float, every_steps: int) -> None:
@@ -42,17 +42,17 @@ class Contact:
         """Whether it is time for a query."""
         return step % self._every == 0
 
-    def look(self, vertices: torch.Tensor) -> None:
+    def update_planes(self, vertices: torch.Tensor) -> None:
         """Take new planes at vertices (T, N, 3)."""
-        found = self._obstacle.query(vertices)
-        self.normal.copy_(found.direction)
-        distance = found.distance.to(vertices)
+        query = self._obstacle.query(vertices)
+        self.normal.copy_(query.direction)
+        distance = query.distance.to(vertices)
         torch.add((self.normal * vertices).sum(-1), self._margin - distance, out=self.offset)
         self.depth = collision_loss(distance, margin_m=self._margin)
 
 
-class PlannedStep:
-    """Steps of the vertices of an energy, and which directions are open to them.
+class ConstrainedStep:
+    """Steps of the vertices of an energy along the directions that planes and pins leave open to them.
 
     Args:
         energy: its `active` frames take part, its `gradient` presses vertices against their planes, its `vertices`
@@ -72,23 +72,23 @@ class PlannedStep:
         self.vertices, self.gradient = torch.zeros_like(like), torch.zeros_like(like)
         self.direction, self.length = torch.zeros_like(like), like.new_ones(len(like))
         count = like.shape[1]
-        self._free, self._advance = (Recorder(like, energy.active) for _ in range(2))
-        self._everywhere = contact is None and loose is None
-        place = self._free
-        vertices, direction = place.vectors(self.vertices), place.vectors(self.direction)
-        wall: list[Any] = [None, None]
+        self._project, self._advance = (Recorder(like, energy.active) for _ in range(2))
+        self._unconstrained = contact is None and loose is None
+        record = self._project
+        vertices, direction = record.vectors(self.vertices), record.vectors(self.direction)
+        planes: list[Any] = [None, None]
         if contact is not None:
-            wall = [place.vectors(contact.normal), place.reals(contact.offset)]
-        wall.append(None if loose is None else place.ints(loose))
-        gradient = place.vectors(self.gradient)
-        place("free", count, vertices, gradient, *wall, _TOUCHING, direction, direction)
-        length, target = place.reals(self.length), place.vectors(energy.vertices)
-        self._advance("advance", count, vertices, direction, length, *wall, target)
+            planes = [record.vectors(contact.normal), record.reals(contact.offset)]
+        planes.append(None if loose is None else record.ints(loose))
+        gradient = record.vectors(self.gradient)
+        record("project", count, vertices, gradient, *planes, _TOUCHING, direction, direction)
+        length, target = record.reals(self.length), record.vectors(energy.vertices)
+        self._advance("advance", count, vertices, direction, length, *planes, target)
 
     def project(self) -> torch.Tensor:
         """`direction`, of which what is not open has been taken away."""
-        if not self._everywhere:
-            self._free.run()
+        if not self._unconstrained:
+            self._project.run()
         return self.direction
 
     def advance(self) -> None:

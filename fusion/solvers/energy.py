@@ -29,9 +29,9 @@ class Energy:
         topology: of the template.
         weights: of the terms, by their names in TERMS; a missing one is 0, which leaves the term out.
         anchor: (T, N, 3) float32 or float64, metres, where displacements are measured from; sets device and dtype.
-        share: (T, N) or (1, N), what each vertex's squared displacement counts (1 / N for a mean).
-        shown: pixels; goes with `target`.
-        target: (T, P, 3) unit normals at `shown.places`.
+        vertex_weights: (T, N) or (1, N), what each vertex's squared displacement counts (1 / N for a mean).
+        pixel_faces: the covered pixels, by face; goes with `target`.
+        target: (T, P, 3) unit normals at `pixel_faces.places`.
         confidence: (T, P), what each pixel counts; 1 if None.
 
     Attributes:
@@ -46,9 +46,9 @@ class Energy:
         topology: Topology,
         weights: Mapping[str, float],
         anchor: torch.Tensor,
-        share: torch.Tensor,
+        vertex_weights: torch.Tensor,
         *,
-        shown: PixelFaces | None = None,
+        pixel_faces: PixelFaces | None = None,
         target: torch.Tensor | None = None,
         confidence: torch.Tensor | None = None,
     ) -> None:
@@ -58,62 +58,62 @@ class Energy:
         self.vertices = anchor.clone(memory_format=torch.contiguous_format)
         self.gradient = torch.zeros_like(self.vertices)
         self.active = torch.ones(frames, dtype=torch.int32, device=anchor.device)
-        pixels = shown is not None and target is not None
+        pixels = pixel_faces is not None and target is not None
         # One value a vertex, edge or face with pixels; a zero where there are none.
         self._of_vertices = anchor.new_zeros(frames, count)
         self._of_edges = anchor.new_zeros(frames, 2, max(len(topology.edges), 1))
-        self._of_faces = anchor.new_zeros(frames, len(shown.faces) if shown and pixels else 1)
-        n_edges, n_pixels = max(len(topology.edges), 1), max(len(shown.places) if shown else 1, 1)
+        self._of_faces = anchor.new_zeros(frames, len(pixel_faces.faces) if pixel_faces and pixels else 1)
+        n_edges, n_pixels = max(len(topology.edges), 1), max(len(pixel_faces.places) if pixel_faces else 1, 1)
         self._divisors = torch.tensor([n_edges, 1, n_edges, n_pixels, 1], dtype=torch.float64).to(
             anchor.device
         )
         self.factors = torch.tensor(list(self._weights.values()), dtype=torch.float64).to(anchor.device)
-        self._record = place = Recorder(anchor, self.active)
-        vertices, gradient = place.vectors(self.vertices), place.vectors(self.gradient)
-        normal = through = None
+        self._recorder = record = Recorder(anchor, self.active)
+        vertices, gradient = record.vectors(self.vertices), record.vectors(self.gradient)
+        normal = normal_gradient = None
         if self._weights["normal_rendering"] or self._weights["normal_consistency"]:
-            normal, through = (place.vectors(anchor.new_zeros(frames, count, 3)) for _ in range(2))
-        place(
+            normal, normal_gradient = (record.vectors(anchor.new_zeros(frames, count, 3)) for _ in range(2))
+        record(
             "begin",
             count,
             vertices,
-            place.vectors(anchor),
-            place.reals(share.to(anchor).expand(frames, -1)),
+            record.vectors(anchor),
+            record.reals(vertex_weights.to(anchor).expand(frames, -1)),
             self._weights["displacement_m2"],
             normal,
-            through,
+            normal_gradient,
             gradient,
-            place.reals(self._of_vertices),
+            record.reals(self._of_vertices),
         )
-        faces = place.ints(topology.faces)
+        faces = record.ints(topology.faces)
         if normal is not None:
-            inverse = place.reals(anchor.new_zeros(frames, count))
-            place("face_normals", len(topology.faces), vertices, faces, normal)
-            place("unit_normals", count, normal, inverse)
-            if shown is not None and target is not None:
-                self._record_pixels(shown, target, confidence, normal, through)
+            inverse = record.reals(anchor.new_zeros(frames, count))
+            record("face_normals", len(topology.faces), vertices, faces, normal)
+            record("unit_normals", count, normal, inverse)
+            if pixel_faces is not None and target is not None:
+                self._record_pixels(pixel_faces, target, confidence, normal, normal_gradient)
         starts = np.searchsorted(topology.edges[:, 0], np.arange(count + 1))
-        place(
+        record(
             "along_edges",
             count,
             vertices,
-            place.ints(starts),
-            place.ints(topology.edges[:, 1]),
-            place.reals(topology.rest_lengths),
+            record.ints(starts),
+            record.ints(topology.edges[:, 1]),
+            record.reals(topology.rest_lengths),
             self._weights["edge_length_m2"] / n_edges,
             normal,
             self._weights["normal_consistency"] / n_edges,
-            through,
+            normal_gradient,
             gradient,
-            place.reals(self._of_edges),
+            record.reals(self._of_edges),
         )
         if normal is not None:
-            place("through_normals", count, normal, inverse, through)
-            place("through_faces", len(topology.faces), vertices, faces, through, gradient)
+            record("through_normals", count, normal, inverse, normal_gradient)
+            record("through_faces", len(topology.faces), vertices, faces, normal_gradient, gradient)
 
     def evaluate(self) -> torch.Tensor:
         """(T, 5) float64: the terms in the order of TERMS, unweighted; fills `gradient` of the weighted sum."""
-        self._record.run()
+        self._recorder.run()
         edge, consistency = self._of_edges.sum(-1).double().unbind(1)
         displacement = self._of_vertices.sum(-1).double()
         pixels = self._of_faces.sum(-1).double()
@@ -129,24 +129,24 @@ class Energy:
 
     def _record_pixels(
         self,
-        shown: PixelFaces,
+        pixel_faces: PixelFaces,
         target: torch.Tensor,
         confidence: torch.Tensor | None,
         normal: Any,
-        through: Any,
+        normal_gradient: Any,
     ) -> None:
         """The launch for the rendered normals."""
-        place = self._record
-        place(
+        record = self._recorder
+        record(
             "pixels",
-            len(shown.faces),
+            len(pixel_faces.faces),
             normal,
-            place.ints(shown.faces),
-            place.ints(shown.pixel_start),
-            place.vectors(torch.from_numpy(shown.weights)),
-            place.vectors(target),
-            None if confidence is None else place.reals(confidence),
+            record.ints(pixel_faces.faces),
+            record.ints(pixel_faces.pixel_start),
+            record.vectors(torch.from_numpy(pixel_faces.weights)),
+            record.vectors(target),
+            None if confidence is None else record.reals(confidence),
             self._weights["normal_rendering"] / float(self._divisors[3]),
-            through,
-            place.reals(self._of_faces),
+            normal_gradient,
+            record.reals(self._of_faces),
         )

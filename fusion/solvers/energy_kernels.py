@@ -1,6 +1,6 @@
-"""Warp kernels of `fusion.solvers.energy`; apart from it, because defining them imports Warp.
+"""Warp kernels of `fusion.solvers.energy`; residual from it, because defining them imports Warp.
 
-One thread works on one vertex, edge or face of one frame, and adds what it finds to the vertices at its ends, so that
+One thread works on one vertex, edge or face of one frame, and adds its terms to the vertices at its ends, so that
 nothing is computed twice. On the CPU threads run in order and results repeat exactly; on CUDA sums are taken in any
 order, and repeat up to rounding. A frame's do not depend on the frames beside it.
 """
@@ -42,7 +42,7 @@ def _defined(bits: int) -> SimpleNamespace:
         active: wp.array(dtype=wp.int32),
         vertices: wp.array2d(dtype=vec3),
         anchor: wp.array2d(dtype=vec3),
-        share: wp.array2d(dtype=real),
+        vertex_weights: wp.array2d(dtype=real),
         weight_displacement: real,
         normal_sum: wp.array2d(dtype=vec3),
         normal_gradient: wp.array2d(dtype=vec3),
@@ -54,8 +54,8 @@ def _defined(bits: int) -> SimpleNamespace:
         if active[t] == 0:
             return
         away = vertices[t, i] - anchor[t, i]
-        energy[t, i] = share[t, i] * wp.dot(away, away)
-        gradient[t, i] = (real(2.0) * weight_displacement * share[t, i]) * away
+        energy[t, i] = vertex_weights[t, i] * wp.dot(away, away)
+        gradient[t, i] = (real(2.0) * weight_displacement * vertex_weights[t, i]) * away
         if normal_sum:
             normal_sum[t, i] = vec3()
             normal_gradient[t, i] = vec3()
@@ -119,14 +119,14 @@ def _defined(bits: int) -> SimpleNamespace:
         total = real(0.0)
         for p in range(pixel_start[f], pixel_start[f + 1]):
             w = weights[p]
-            apart = n0 * w[0] + n1 * w[1] + n2 * w[2] - target[t, p]
-            length = wp.length(apart)
+            residual = n0 * w[0] + n1 * w[1] + n2 * w[2] - target[t, p]
+            length = wp.length(residual)
             trust = real(1.0)
             if confidence:
                 trust = confidence[t, p]
             total += trust * length
             if length > real(0.0):
-                unit = apart * (weight_rendering * trust / length)
+                unit = residual * (weight_rendering * trust / length)
                 g0 += unit * w[0]
                 g1 += unit * w[1]
                 g2 += unit * w[2]
@@ -215,7 +215,7 @@ def _defined(bits: int) -> SimpleNamespace:
         wp.atomic_add(gradient, t, c, to_c)
 
     @wp.kernel(module=module)
-    def free(
+    def project(
         active: wp.array(dtype=wp.int32),
         vertices: wp.array2d(dtype=vec3),
         gradient: wp.array2d(dtype=vec3),
@@ -223,14 +223,14 @@ def _defined(bits: int) -> SimpleNamespace:
         offset: wp.array2d(dtype=real),
         loose: wp.array(dtype=wp.int32),
         touching: real,
-        vectors: wp.array2d(dtype=vec3),
-        found: wp.array2d(dtype=vec3),
+        directions: wp.array2d(dtype=vec3),
+        projected: wp.array2d(dtype=vec3),
     ):
-        """Vectors without what fixed vertices and those pressed against their planes cannot do."""
+        """Directions without what pinned vertices and those pressed against their planes cannot do."""
         t, i = wp.tid()
         if active[t] == 0:
             return
-        vector = vectors[t, i]
+        vector = directions[t, i]
         if plane:
             normal = plane[t, i]
             gap = wp.dot(normal, vertices[t, i]) - offset[t, i]
@@ -239,7 +239,7 @@ def _defined(bits: int) -> SimpleNamespace:
         if loose:
             if loose[i] == 0:
                 vector = vec3()
-        found[t, i] = vector
+        projected[t, i] = vector
 
     @wp.kernel(module=module)
     def advance(
@@ -250,7 +250,7 @@ def _defined(bits: int) -> SimpleNamespace:
         plane: wp.array2d(dtype=vec3),
         offset: wp.array2d(dtype=real),
         loose: wp.array(dtype=wp.int32),
-        found: wp.array2d(dtype=vec3),
+        target: wp.array2d(dtype=vec3),
     ):
         """Vertices after a step, those that would be below their planes brought up to them."""
         t, i = wp.tid()
@@ -259,14 +259,14 @@ def _defined(bits: int) -> SimpleNamespace:
         here = vertices[t, i]
         if loose:
             if loose[i] == 0:
-                found[t, i] = here
+                target[t, i] = here
                 return
         here += direction[t, i] * length[t]
         if plane:
             below = offset[t, i] - wp.dot(plane[t, i], here)
             if below > real(0.0):
                 here += plane[t, i] * below
-        found[t, i] = here
+        target[t, i] = here
 
     return SimpleNamespace(
         begin=begin,
@@ -276,6 +276,6 @@ def _defined(bits: int) -> SimpleNamespace:
         along_edges=along_edges,
         through_normals=through_normals,
         through_faces=through_faces,
-        free=free,
+        project=project,
         advance=advance,
     )

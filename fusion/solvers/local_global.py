@@ -19,7 +19,7 @@ from render.mesh.factor import Factor
 
 # The system estimates the Hessian of every frame at once, so it can only be roughly right; found by trial on simulated
 # garments and on wrinkled tubes. Only the speed depends on these numbers.
-# Share of the edge term's Hessian if edges resisted in all directions alike: they do in one of three.
+# Fraction of the edge term's Hessian if edges resisted in all directions alike: they do in one of three.
 _EDGES = 0.2
 # Distance between rendered and target normals around which |Bn - t| is replaced by a parabola.
 _RESIDUAL = 0.1
@@ -37,7 +37,7 @@ class LocalGlobalSolver:
         topology: of the template.
         config: weights and schedule.
         seen: (N,) bool, vertices that have readings.
-        shown: the covered pixels.
+        pixel_faces: the covered pixels, by face.
         device, dtype: of the problems; float32 or float64.
         fixed: (N,) bool, vertices that stay where they start; None holds none.
     """
@@ -48,15 +48,15 @@ class LocalGlobalSolver:
         config: FusionConfig,
         *,
         seen: torch.Tensor,
-        shown: PixelFaces,
+        pixel_faces: PixelFaces,
         device: torch.device,
         dtype: torch.dtype = torch.float32,
         fixed: torch.Tensor | None = None,
     ) -> None:
-        self._topology, self._config, self._shown = topology, config, shown
+        self._topology, self._config, self._pixel_faces = topology, config, pixel_faces
         self._fixed = None if fixed is None else fixed.cpu().numpy()
         self._loose = None if fixed is None else (~fixed).to(device)
-        self._place = device, dtype
+        self._device_and_dtype = device, dtype
         self._edge_weights, self._normal_weights = edge_weights(config), normal_weights(config)
         self._edge_factor = self._factor(self._edge_hessian(seen.cpu().numpy()))
         self._normal_factor: Factor | None = None
@@ -92,19 +92,21 @@ class LocalGlobalSolver:
         contact: Contact | None = None,
     ) -> SolverResult:
         """Within at most so many steps, or to a tolerance."""
-        share = problem.share
-        if share is None:
-            share = problem.anchor.new_full((1, problem.anchor.shape[1]), 1 / problem.anchor.shape[1])
+        vertex_weights = problem.vertex_weights
+        if vertex_weights is None:
+            vertex_weights = problem.anchor.new_full(
+                (1, problem.anchor.shape[1]), 1 / problem.anchor.shape[1]
+            )
         energy = Energy(
             self._topology,
             weights,
             problem.anchor,
-            share if share.ndim == 2 else share[None],
-            shown=None if problem.target is None else self._shown,
+            vertex_weights if vertex_weights.ndim == 2 else vertex_weights[None],
+            pixel_faces=None if problem.target is None else self._pixel_faces,
             target=problem.target,
             confidence=problem.confidence,
         )
-        found = descend(
+        descent = descend(
             energy,
             factor,
             problem.start,
@@ -115,29 +117,29 @@ class LocalGlobalSolver:
         )
         history = {
             name: values
-            for name, values in zip(TERMS, found.history.unbind(-1), strict=True)
+            for name, values in zip(TERMS, descent.history.unbind(-1), strict=True)
             if name in weights and (name != "normal_rendering" or problem.target is not None)
         }
-        if found.depths is not None:
-            history["collision_m"] = found.depths
-        return SolverResult(found.vertices, history, found.iterations)
+        if descent.depths is not None:
+            history["collision_m"] = descent.depths
+        return SolverResult(descent.vertices, history, descent.iterations)
 
     def _edge_hessian(self, seen: np.ndarray) -> scipy.sparse.csr_matrix:
         """Of the first stage."""
         weights = self._edge_weights
-        held = 2 * weights["displacement_m2"] * seen / max(seen.sum(), 1)
-        return self._edge_part(_EDGES * weights["edge_length_m2"]) + scipy.sparse.diags(held)
+        anchored = 2 * weights["displacement_m2"] * seen / max(seen.sum(), 1)
+        return self._edge_part(_EDGES * weights["edge_length_m2"]) + scipy.sparse.diags(anchored)
 
     def _normal_hessian(self) -> scipy.sparse.csr_matrix:
         """Of the second stage: a vertex normal changes as the gradient of the displacement along it."""
-        weights, topology, shown = self._normal_weights, self._topology, self._shown
-        share = shown.pixels_per_face() / max(len(shown.places), 1)
-        bend = gradient_laplacian(topology.rest_vertices, shown.faces, share)
-        held = 2 * (weights["displacement_m2"] + _HOLD * weights["edge_length_m2"])
+        weights, topology, pixel_faces = self._normal_weights, self._topology, self._pixel_faces
+        fraction = pixel_faces.pixels_per_face() / max(len(pixel_faces.places), 1)
+        bend = gradient_laplacian(topology.rest_vertices, pixel_faces.faces, fraction)
+        anchored = 2 * (weights["displacement_m2"] + _HOLD * weights["edge_length_m2"])
         return (
             self._edge_part(_EDGES * weights["edge_length_m2"])
             + (weights["normal_rendering"] / _RESIDUAL) * bend
-            + scipy.sparse.diags(np.full(topology.n_vertices, held / topology.n_vertices))
+            + scipy.sparse.diags(np.full(topology.n_vertices, anchored / topology.n_vertices))
         )
 
     def _edge_part(self, weight: float) -> scipy.sparse.csr_matrix:
@@ -155,6 +157,6 @@ class LocalGlobalSolver:
         matrix = hessian + scipy.sparse.diags(np.full(len(diagonal), floor))
         if self._fixed is not None:
             loose = scipy.sparse.diags((~self._fixed).astype(np.float64))
-            held = scipy.sparse.diags(self._fixed * matrix.diagonal())
-            matrix = loose @ matrix @ loose + held
-        return Factor(matrix, *self._place)
+            pinned = scipy.sparse.diags(self._fixed * matrix.diagonal())
+            matrix = loose @ matrix @ loose + pinned
+        return Factor(matrix, *self._device_and_dtype)

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import torch
 
-from fusion.solvers.contact import Contact, PlannedStep
+from fusion.solvers.contact import ConstrainedStep, Contact
 from fusion.solvers.energy import Energy
 from render.mesh.factor import Factor
 
 _PAIRS = 2  # steps remembered; more lower the energy no further in as many steps, and cost
-_SUFFICIENT = 1e-4  # share of the decrease that the gradient promises which a step must reach (Armijo)
+_SUFFICIENT = 1e-4  # fraction of the decrease that the gradient promises which a step must reach (Armijo)
 _HALVINGS = 12  # of a step that does not; after the last the frame is finished
 _STEPS_JUDGED = 3  # over which the decrease is averaged: now and then a step is small
 _CURVATURE = 1e-4  # cosine between a step and its change of gradient below which it is not remembered
@@ -26,14 +26,14 @@ _CURVATURE = 1e-4  # cosine between a step and its change of gradient below whic
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """What `descend` found.
+    """What `descend` returns.
 
     Args:
         vertices: (T, N, 3) metres.
         iterations: (T,) int64, steps taken.
         history: (K, T, 5) float64, the energy's terms at the start and after each of the K - 1 steps of the longest
             frame.
-        depths: (K, T), mean depth of the vertices in the obstacle, metres: at the start, as last looked, at the end;
+        depths: (K, T), mean depth of the vertices in the obstacle, metres: at the start, as last asked for, at the end;
             None without obstacle.
     """
 
@@ -77,7 +77,7 @@ class _Run:
         self, energy: Energy, factor: Factor, loose: torch.Tensor | None, contact: Contact | None
     ) -> None:
         self._energy, self._factor, self._contact = energy, factor, contact
-        self._at = PlannedStep(energy, loose, contact)
+        self._constrained = ConstrainedStep(energy, loose, contact)
         self._frames = len(energy.vertices)
         self._groups = 1 if energy.coupled else self._frames
         self._memory = _Memory()
@@ -86,14 +86,14 @@ class _Run:
 
     def run(self, start: torch.Tensor, steps: int, tolerance: float) -> Descent:
         iterations = torch.zeros_like(self._going, dtype=torch.int64)
-        contact, at = self._contact, self._at
-        at.vertices.copy_(start)
-        history = [self._place()]
+        contact, constrained = self._contact, self._constrained
+        constrained.vertices.copy_(start)
+        history = [self._restart()]
         values = [self._value]
         depths = [contact.depth] if contact else []
         for step in range(steps):
             if contact is not None and step and contact.due(step):
-                self._place()
+                self._restart()
                 values = [self._value]
             history.append(self._step())
             values.append(self._value)
@@ -106,59 +106,59 @@ class _Run:
             if not bool(self._going.any()):
                 break
         if contact is not None:
-            contact.look(at.vertices)
+            contact.update_planes(constrained.vertices)
             depths[-1] = contact.depth
         return Descent(
-            at.vertices,
+            constrained.vertices,
             iterations.expand(self._frames).clone(),
             torch.stack(history),
             torch.stack(depths) if depths else None,
         )
 
-    def _place(self) -> torch.Tensor:
-        """Look where the obstacle is, leave it, and evaluate there."""
+    def _restart(self) -> torch.Tensor:
+        """Ask where the obstacle is, leave it, and evaluate there."""
         if self._contact is not None:
-            self._contact.look(self._at.vertices)
-        self._at.length.zero_()
+            self._contact.update_planes(self._constrained.vertices)
+        self._constrained.length.zero_()
         self._energy.active.fill_(1)
-        self._at.advance()
+        self._constrained.advance()
         terms = self._energy.evaluate()
         self._value = self._weighted(terms)
-        self._at.vertices.copy_(self._energy.vertices)
-        self._at.gradient.copy_(self._energy.gradient)
+        self._constrained.vertices.copy_(self._energy.vertices)
+        self._constrained.gradient.copy_(self._energy.gradient)
         return terms
 
     def _step(self) -> torch.Tensor:
         """One step of all problems that are still going; the terms after it."""
-        at, energy = self._at, self._energy
+        constrained, energy = self._constrained, self._energy
         energy.active.copy_(self._going.expand(self._frames))
-        at.direction.copy_(at.gradient)
-        gradient = self._flat(at.project()).clone()
-        shape = at.direction.shape
+        constrained.direction.copy_(constrained.gradient)
+        gradient = self._flat(constrained.project()).clone()
+        shape = constrained.direction.shape
         direction = self._memory.direction(
-            gradient, lambda rest: self._flat(self._factor.solve(rest.view(shape)))
+            gradient, lambda right: self._flat(self._factor.solve(right.view(shape)))
         )
-        at.direction.copy_(direction.view(shape))
+        constrained.direction.copy_(direction.view(shape))
         # Projected last, so that it descends whatever walls the remembered steps were taken at.
-        slope = _dot(self._flat(at.project()), gradient)[:, 0].double()
-        terms, taken = self._searched(slope)
-        self._going = self._going & taken
-        step, change = energy.vertices - at.vertices, energy.gradient - at.gradient
+        slope = _dot(self._flat(constrained.project()), gradient)[:, 0].double()
+        terms, lowered = self._line_search(slope)
+        self._going = self._going & lowered
+        step, change = energy.vertices - constrained.vertices, energy.gradient - constrained.gradient
         self._memory.add(self._flat(step), self._flat(change))
-        at.vertices.copy_(energy.vertices)
-        at.gradient.copy_(energy.gradient)
+        constrained.vertices.copy_(energy.vertices)
+        constrained.gradient.copy_(energy.gradient)
         self._value = self._weighted(terms)
         return terms
 
-    def _searched(self, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def _line_search(self, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Halve each problem's step until the energy falls enough: terms there, and whether it did (G,)."""
         length, trying = torch.ones_like(slope), self._going
         for halving in range(_HALVINGS + 1):
             if halving == _HALVINGS:  # nowhere to go within rounding: stay
                 length = torch.where(trying, 0, length)
-            self._at.length.copy_(length.expand(self._frames))
+            self._constrained.length.copy_(length.expand(self._frames))
             self._energy.active.copy_(trying.expand(self._frames))
-            self._at.advance()
+            self._constrained.advance()
             terms = self._energy.evaluate()
             failed = trying & ~(self._weighted(terms) <= self._value + _SUFFICIENT * length * slope)
             if not bool(failed.any()):
@@ -195,15 +195,15 @@ class _Memory:
         self, gradient: torch.Tensor, precondition: Callable[[torch.Tensor], torch.Tensor]
     ) -> torch.Tensor:
         """Minus the inverse Hessian's estimate times the gradient (G, D): the two loops of L-BFGS."""
-        rest, shares = gradient, []
+        remainder, alphas = gradient, []
         for step, change, product in reversed(self._pairs):
-            shares.append(_dot(step, rest) / product)
-            rest = torch.addcmul(rest, shares[-1], change, value=-1)
-        found = precondition(rest)
+            alphas.append(_dot(step, remainder) / product)
+            remainder = torch.addcmul(remainder, alphas[-1], change, value=-1)
+        ascent = precondition(remainder)
         for step, change, product in self._pairs:
-            share = shares.pop() - _dot(change, found) / product
-            found = torch.addcmul(found, share, step)
-        return -found
+            beta = _dot(change, ascent) / product
+            ascent = torch.addcmul(ascent, alphas.pop() - beta, step)
+        return -ascent
 
 
 def _dot(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:

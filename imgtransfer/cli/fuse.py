@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions
 
 # Options of the form with --maps.
-SINGLE = ("out", "template", "initial", "body", "under", "pins", *OF_AXES, *OF_GARMENT_AXES, "weld")
+SINGLE = ("out", "template", "initial", "body", "inner", "pins", *OF_AXES, *OF_GARMENT_AXES, "weld")
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -109,7 +109,7 @@ def _add_single(group: argparse._ArgumentGroup) -> None:
         "clip npz, a mesh file for one frame, or a folder of them",
     )
     group.add_argument(
-        "--under", type=Path, help="another garment, worn beneath, to stay outside of; files as for --initial"
+        "--inner", type=Path, help="another garment, worn beneath, to stay outside of; files as for --initial"
     )
     group.add_argument(
         "--pins",

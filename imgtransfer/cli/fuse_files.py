@@ -16,12 +16,12 @@ from render import InputError, load_mesh
 
 
 def given_files(args: argparse.Namespace) -> FuseInputs:
-    """Read --template, --initial, --body, --under and --pins.
+    """Read --template, --initial, --body, --inner and --pins.
 
     Raises:
         InputError: files that cannot be read, options that would do nothing for them, or welded seams that part.
     """
-    garments = [path for path in (args.template, args.initial, args.under) if path is not None]
+    garments = [path for path in (args.template, args.initial, args.inner) if path is not None]
     check_axes_used(
         args,
         body=args.body is not None and is_meshes(args.body),
@@ -36,7 +36,7 @@ def given_files(args: argparse.Namespace) -> FuseInputs:
         template=of_garment.of_mesh(load_mesh(args.template)) if args.template else None,
         initial=open_moving(args.initial, "garment", of_garment) if args.initial else None,
         body=open_moving(args.body, "body", axes) if args.body else None,
-        under=open_moving(args.under, "garment", of_garment) if args.under else None,
+        inner=open_moving(args.inner, "garment", of_garment) if args.inner else None,
         pins=load_pins(args.pins) if args.pins else None,
     )
     return _welded(given, args) if args.weld else given

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from fusion import FusionConfig
-from fusion.batches import BatchResult
 from fusion.map_files import MapSurroundings, fuse_map_parts
+from fusion.stages import BatchResult
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import written_clip
 from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames
@@ -39,14 +39,14 @@ class FuseInputs:
         template: in place of the map file's.
         initial: garment to start from in place of the position maps; T frames.
         body: what the garment must stay outside of; T frames.
-        under: another garment, worn beneath; T frames.
+        inner: another garment, worn beneath; T frames.
         pins: vertices that stay in place.
     """
 
     template: Mesh | None = None
     initial: Moving | None = None
     body: Moving | None = None
-    under: Moving | None = None
+    inner: Moving | None = None
     pins: Pins | None = None
 
 
@@ -87,7 +87,7 @@ def fuse_into(
     Raises:
         InputError: something given has another number of frames, or what `fuse_maps` refuses.
     """
-    for name in ("body", "under", "initial"):
+    for name in ("body", "inner", "initial"):
         moving = getattr(given, name)
         if moving is not None and moving.n_frames != maps.n_frames:
             raise InputError(
@@ -123,7 +123,7 @@ def fuse_into(
             erode=ways.erode,
             pinned=None if given.pins is None else given.pins.indices,
             body_faces=None if given.body is None else given.body.faces,
-            under_faces=None if given.under is None else given.under.faces,
+            inner_faces=None if given.inner is None else given.inner.faces,
             config=ways.config,
             device=device,
             history=history,
@@ -159,7 +159,7 @@ class _Stream:
         """All frames, from the first on whenever this is called."""
         self._under_way.clear()
         given, done = self._given, 0
-        moving = {name: getattr(given, name) for name in ("initial", "body", "under")}
+        moving = {name: getattr(given, name) for name in ("initial", "body", "inner")}
         streams = [
             itertools.repeat(None) if surface is None else surface.parts(count) for surface in moving.values()
         ]
@@ -181,7 +181,7 @@ class _Stream:
                 MapSurroundings(
                     initial=canonical["initial"],
                     body_vertices=canonical["body"],
-                    under_vertices=canonical["under"],
+                    inner_vertices=canonical["inner"],
                     pinned_positions=None if pins is None else frames.to_canonical(pins),
                 ),
             )

@@ -46,7 +46,7 @@ OTHER_NPZ = (
     Reading(
         "fuse-initial", f"fuse --maps maps.npz --initial start.npz --config fusion.yaml {_OUT}", "start.npz"
     ),
-    Reading("fuse-under", f"fuse --maps maps.npz --under start.npz --config fusion.yaml {_OUT}", "start.npz"),
+    Reading("fuse-inner", f"fuse --maps maps.npz --inner start.npz --config fusion.yaml {_OUT}", "start.npz"),
     Reading(
         "fuse-pins",
         f"fuse --maps maps.npz --pins pins.npz --config fusion.yaml {_OUT}",

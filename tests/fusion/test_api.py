@@ -23,8 +23,10 @@ def scene():
     positions, normals = true_maps(imager, truth)
     rng = np.random.default_rng(0)
     mask = imager.mask.numpy().astype(np.float32)
-    share = gaussian_filter(mask, (0, 2, 2))[..., None]
-    blurred = gaussian_filter(positions.numpy(), (0, 0, 2, 2, 0)) / np.maximum(share, 1e-6) * mask[..., None]
+    coverage = gaussian_filter(mask, (0, 2, 2))[..., None]
+    blurred = (
+        gaussian_filter(positions.numpy(), (0, 0, 2, 2, 0)) / np.maximum(coverage, 1e-6) * mask[..., None]
+    )
     blurred += rng.normal(0, 0.001, blurred.shape) * mask[..., None]
     bodies = leaning(np.asarray(body.vertices), FRAMES)
     return {
@@ -51,7 +53,7 @@ def angle_degrees(vertices, scene):
     return torch.rad2deg(torch.acos((found * want).sum(-1).clamp(-1, 1))).mean().item()
 
 
-def share_inside(vertices, scene):
+def fraction_inside(vertices, scene):
     sdf = BodySdf(scene["body_faces"], scene["body_vertices"].shape[1])
     sdf.update(scene["body_vertices"])
     return (sdf.distance(torch.as_tensor(vertices)) < 0).float().mean().item()
@@ -177,8 +179,8 @@ def test_no_steps_return_the_initial_vertices(scene):
 def test_nothing_stays_in_the_body_even_if_maps_put_it_there(scene):
     sunk = scene["positions"] * torch.tensor([0.85, 1.0, 0.85])  # 22 mm towards the axis, 2.5 mm inside
     result = fuse(scene["imager"], positions=sunk, **maps_and_body(scene, "body_vertices", "body_faces"))
-    assert share_inside(result.initial, scene) > 0.5
-    assert share_inside(result.vertices, scene) == 0
+    assert fraction_inside(result.initial, scene) > 0.5
+    assert fraction_inside(result.vertices, scene) == 0
 
 
 def test_clearance_lifts_a_pressed_in_patch_without_a_spike():

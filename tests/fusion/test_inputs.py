@@ -30,8 +30,8 @@ def good(imager):
         "pinned_positions": np.zeros((FRAMES, 2, 3)),
         "body_vertices": np.stack([body.vertices] * FRAMES),
         "body_faces": np.asarray(body.faces),
-        "under_vertices": torch.zeros(FRAMES, 3, 3),
-        "under_faces": torch.tensor([[0, 1, 2]]),
+        "inner_vertices": torch.zeros(FRAMES, 3, 3),
+        "inner_faces": torch.tensor([[0, 1, 2]]),
     }
 
 
@@ -41,10 +41,10 @@ def test_everything_comes_out_as_said(imager, good):
     assert found.pinned.tolist() == [3, 1]
     assert found.pinned.dtype == torch.int64
     assert (
-        found.confidence.dtype == found.pinned_positions.dtype == found.under_vertices.dtype == torch.float32
+        found.confidence.dtype == found.pinned_positions.dtype == found.inner_vertices.dtype == torch.float32
     )
     assert torch.equal(found.confidence[1] == 1, imager.mask)
-    assert found.under_faces.dtype == np.int64
+    assert found.inner_faces.dtype == np.int64
 
 
 def test_what_is_not_given_is_none(imager, good):
@@ -56,7 +56,7 @@ def test_what_is_not_given_is_none(imager, good):
         "pinned",
         "pinned_positions",
         "body_vertices",
-        "under_faces",
+        "inner_faces",
     ):
         assert getattr(found, name) is None
 
@@ -74,9 +74,9 @@ MISTAKES = {
     "pins that are no numbers of vertices": ({"pinned": [0.5, 1.0]}, "whole numbers"),
     "pins without numbers": ({"pinned": None}, "pinned_positions need pinned"),
     "positions of other pins": ({"pinned": [1]}, r"pinned_positions must have shape \(2, 1, 3\)"),
-    "under without faces": ({"under_faces": None}, "under_vertices and under_faces belong together"),
-    "under of one frame": ({"under_vertices": np.zeros((1, 3, 3))}, "under_vertices must have shape"),
-    "under face out of range": ({"under_faces": np.array([[0, 1, 3]])}, "under_faces: face 0"),
+    "inner without faces": ({"inner_faces": None}, "inner_vertices and inner_faces belong together"),
+    "inner of one frame": ({"inner_vertices": np.zeros((1, 3, 3))}, "inner_vertices must have shape"),
+    "inner face out of range": ({"inner_faces": np.array([[0, 1, 3]])}, "inner_faces: face 0"),
     "body without vertices": ({"body_vertices": np.zeros(3)}, "body_vertices must have shape"),
     "no frames": ({"positions": np.zeros((0, 2, 48, 40, 3))}, "no frames"),
 }

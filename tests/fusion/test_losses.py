@@ -15,7 +15,7 @@ from fusion import (
     normal_consistency_loss,
     normal_rendering_loss,
 )
-from fusion.losses import anchor_share, second_difference, temporal_loss
+from fusion.losses import anchor_weights, second_difference, temporal_loss
 from render import Mesh, vertex_normals
 from tests.helpers.fusion_examples import tube, wrinkled
 
@@ -76,15 +76,15 @@ def test_displacement_by_hand_with_and_without_weights():
     anchor = torch.zeros(3, 3)
     vertices = torch.tensor([[0.3, 0, 0.4], [0, 0, 0], [1.0, 0, 0]])
     assert displacement_loss(vertices, anchor).item() == pytest.approx(1.25 / 3)
-    share = anchor_share(torch.tensor([True, True, False]))
-    assert displacement_loss(vertices, anchor, share).item() == pytest.approx(0.125)
+    weights = anchor_weights(torch.tensor([True, True, False]))
+    assert displacement_loss(vertices, anchor, weights).item() == pytest.approx(0.125)
     assert displacement_loss(vertices, anchor, torch.zeros(3)).item() == 0.0
 
 
 def test_a_vertex_s_confidence_scales_its_own_displacement_only():
     seen, confidence = torch.tensor([True, True, False]), torch.tensor([[0.5, 1.0, 3.0], [1.0, 0.0, 1.0]])
-    assert anchor_share(seen, confidence).tolist() == [[0.25, 0.5, 0.0], [0.5, 0.0, 0.0]]
-    assert anchor_share(torch.zeros(3, dtype=torch.bool)).tolist() == [0.0, 0.0, 0.0]
+    assert anchor_weights(seen, confidence).tolist() == [[0.25, 0.5, 0.0], [0.5, 0.0, 0.0]]
+    assert anchor_weights(torch.zeros(3, dtype=torch.bool)).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_a_pixel_s_confidence_scales_its_own_distance_only():
@@ -148,7 +148,7 @@ def test_gradcheck(name):
         "rendering": (partial(normal_rendering_loss, target=other), x),
         "consistency": (lambda v: normal_consistency_loss(topology.normals(v), topology), x),
         "displacement": (
-            partial(displacement_loss, anchor=other, share=torch.tensor([1.0, 0.5, 0.0]).double()),
+            partial(displacement_loss, anchor=other, vertex_weights=torch.tensor([1.0, 0.5, 0.0]).double()),
             x,
         ),
         "collision": (

@@ -87,7 +87,7 @@ def test_a_dent_past_the_middle_comes_out_in_front():
     assert stretch(found).max() <= stretch(dent()).max()
 
 
-def test_a_shallow_vertex_gets_the_clearance_and_its_neighbours_follow_half_of_the_way():
+def test_a_shallow_vertex_gets_the_clearance_and_its_neighbours_make_half_of_its_step():
     """Hand values: the body's side is the plane x = 0, one vertex of a strip is 4 mm behind it."""
     x = [0.01, -0.004, 0.01, 0.01]
     strip = np.stack([x, [0.0, 0.1, 0.2, 0.1], [0.0, 0.0, 0.0, 0.1]], axis=1)
@@ -184,7 +184,7 @@ def test_a_gap_too_narrow_for_any_clearance_is_left_by_the_search():
     sheet = np.array([[0.0, 0.3, 0.0], [0.0, 0.05, 0.0], [0.0, 0.3, 0.1]])
     topology = Topology(Mesh(sheet, np.array([[0, 1, 2]])))
     found = lift_clear(torch.from_numpy(sheet)[None], sdf, topology, clearance_m=CLEARANCE, rounds=6)
-    assert found.escaped.tolist() == [[False, True, False]]
+    assert found.relocated.tolist() == [[False, True, False]]
     assert sdf.query(found.vertices).distance.min() >= CLEARANCE
     assert (found.vertices[0, 1] - torch.from_numpy(sheet)[1]).norm() < 0.08  # 5 cm to the gap's upper end
 
@@ -201,28 +201,28 @@ def test_no_frames_are_no_trouble():
 @pytest.mark.parametrize("solver", ["local_global", "adam"])
 @pytest.mark.parametrize("wrong", ["8 cm off", "all of it inside"])
 def test_after_fusing_a_prediction_deep_inside_nothing_is_in_the_body_or_the_garment_beneath(solver, wrong):
-    imager, body, under = imager_of(MESH), cylinder_body(), tube(radius=0.135, height=0.3)
+    imager, body, inner = imager_of(MESH), cylinder_body(), tube(radius=0.135, height=0.3)
     positions, normals = true_maps(imager, wrinkled(MESH, 2))
     mask = torch.from_numpy(imager.raster.mask)[None, ..., None]
     positions = (
         positions * 0.3 if wrong == "all of it inside" else positions + torch.tensor([0, 0, 0.08]) * mask
     )
-    bodies, unders = leaning(body.vertices, 2), leaning(under.vertices, 2)
-    config = FusionConfig(solver=solver, under_margin_m=0.002, edge_steps=20, normal_steps=20)
+    bodies, inners = leaning(body.vertices, 2), leaning(inner.vertices, 2)
+    config = FusionConfig(solver=solver, inner_margin_m=0.002, edge_steps=20, normal_steps=20)
     found = fuse(
         imager,
         positions=positions,
         normals=normals,
         body_vertices=bodies,
         body_faces=body.faces,
-        under_vertices=unders,
-        under_faces=under.faces,
+        inner_vertices=inners,
+        inner_faces=inner.faces,
         config=config,
     )
     vertices = torch.from_numpy(found.vertices)
     sdf = BodySdf(body.faces, len(body.vertices))
     sdf.update(bodies)
-    surface = OuterSurface(under.faces, len(under.vertices), offset_m=config.under_margin_m)
-    surface.update(unders)
+    surface = OuterSurface(inner.faces, len(inner.vertices), offset_m=config.inner_margin_m)
+    surface.update(inners)
     for obstacle in (sdf, surface):
         assert obstacle.query(vertices).distance.min() >= config.clearance_m

@@ -118,8 +118,8 @@ def test_moving_everything_rigidly_turns_the_directions_along():
 
 @pytest.mark.parametrize("sunk", [0.002, 0.01, 0.05])
 def test_an_outer_tube_that_sank_below_comes_out_everywhere_it_is_covered(sunk):
-    under, outer = tube(radius=0.15, height=0.3), tube(radius=0.15 - sunk, height=0.4)
-    surface = surface_of(under, offset_m=0.002)
+    inner, outer = tube(radius=0.15, height=0.3), tube(radius=0.15 - sunk, height=0.4)
+    surface = surface_of(inner, offset_m=0.002)
     cloth = torch.from_numpy(outer.vertices).float()[None]
     covered = torch.from_numpy(np.abs(outer.vertices[:, 1]) < 0.15 - 1e-6)
     assert (surface.query(cloth).distance[0, covered] < 0).all()
@@ -133,10 +133,10 @@ def test_an_outer_tube_that_sank_below_comes_out_everywhere_it_is_covered(sunk):
 
 
 def test_a_vertex_deep_in_the_body_comes_out_of_body_and_garment():
-    body, under, outer = cylinder_body(), tube(radius=0.14, height=0.5), tube(radius=0.05)
-    sdf, surface = BodySdf(body.faces, len(body.vertices)), OuterSurface(under.faces, len(under.vertices))
+    body, inner, outer = cylinder_body(), tube(radius=0.14, height=0.5), tube(radius=0.05)
+    sdf, surface = BodySdf(body.faces, len(body.vertices)), OuterSurface(inner.faces, len(inner.vertices))
     both = Obstacles([sdf, surface])
-    both.update(body.vertices[None], under.vertices[None])
+    both.update(body.vertices[None], inner.vertices[None])
     cloth = torch.from_numpy(outer.vertices).float()[None]
     found = lift_clear(cloth, both, Topology(outer), clearance_m=CLEARANCE, rounds=10)
     assert not found.remaining.any()
@@ -145,11 +145,11 @@ def test_a_vertex_deep_in_the_body_comes_out_of_body_and_garment():
 
 
 def test_several_obstacles_are_the_nearest_of_them():
-    body, under = cylinder_body(), tube(radius=0.14)
+    body, inner = cylinder_body(), tube(radius=0.14)
     sdf = BodySdf(body.faces, len(body.vertices), band_m=0.05)
-    surface = OuterSurface(under.faces, len(under.vertices))
+    surface = OuterSurface(inner.faces, len(inner.vertices))
     both = Obstacles([sdf, surface])
-    both.update(body.vertices, under.vertices)
+    both.update(body.vertices, inner.vertices)
     points = torch.from_numpy(np.random.default_rng(0).uniform(-0.2, 0.2, (300, 3))).requires_grad_()
     found, parts = both.query(points), [sdf.query(points), surface.query(points)]
     chosen = [0, 0]
@@ -168,7 +168,7 @@ def test_no_points():
 
 
 def test_wrong_input_is_named():
-    with pytest.raises(InputError, match="under_faces"):
+    with pytest.raises(InputError, match="inner_faces"):
         OuterSurface(SQUARE_FACES, 3)
     with pytest.raises(InputError, match="band_m"):
         OuterSurface(SQUARE_FACES, 4, band_m=0.0)
@@ -176,7 +176,7 @@ def test_wrong_input_is_named():
         OuterSurface(SQUARE_FACES, 4, offset_m=-0.001)
     with pytest.raises(InputError, match="call update"):
         OuterSurface(SQUARE_FACES, 4).query(torch.zeros(1, 3))
-    with pytest.raises(InputError, match="under_vertices must have shape"):
+    with pytest.raises(InputError, match="inner_vertices must have shape"):
         OuterSurface(SQUARE_FACES, 4).update(SQUARE[:3])
     with pytest.raises(InputError, match="at least one obstacle"):
         Obstacles([])

@@ -36,7 +36,7 @@ def parts():
 
 
 def problem(parts, dtype=torch.float64):
-    topology, shown = parts
+    topology, pixel_faces = parts
     generator = torch.Generator().manual_seed(0)
 
     def noise(*shape):
@@ -44,20 +44,20 @@ def problem(parts, dtype=torch.float64):
 
     vertices = wrinkled(tube(), FRAMES).to(dtype) + 0.002 * noise(FRAMES, topology.n_vertices, 3)
     anchor = vertices + 0.003 * noise(*vertices.shape)
-    share = noise(FRAMES, topology.n_vertices).abs()
-    target = safe_normalize(noise(FRAMES, len(shown.places), 3))
-    confidence = noise(FRAMES, len(shown.places)).abs()
-    return vertices, anchor, share, target, confidence
+    vertex_weights = noise(FRAMES, topology.n_vertices).abs()
+    target = safe_normalize(noise(FRAMES, len(pixel_faces.places), 3))
+    confidence = noise(FRAMES, len(pixel_faces.places)).abs()
+    return vertices, anchor, vertex_weights, target, confidence
 
 
 def expected(parts, vertices, *rest):
-    anchor, share, target, confidence = rest
-    topology, shown = parts
+    anchor, vertex_weights, target, confidence = rest
+    topology, pixel_faces = parts
     normals = topology.normals(vertices)
-    rendered = shown.product(topology.n_vertices)(normals)
+    rendered = pixel_faces.product(topology.n_vertices)(normals)
     return {
         "edge_length_m2": edge_length_loss(vertices, topology),
-        "displacement_m2": displacement_loss(vertices, anchor, share),
+        "displacement_m2": displacement_loss(vertices, anchor, vertex_weights),
         "normal_consistency": normal_consistency_loss(normals, topology),
         "normal_rendering": normal_rendering_loss(rendered, target, confidence),
         "temporal_m2": temporal_loss(vertices),
@@ -67,9 +67,11 @@ def expected(parts, vertices, *rest):
 @pytest.mark.parametrize("left_out", [None, *WEIGHTS])
 def test_terms_and_gradient_equal_the_losses_in_float64(parts, left_out):
     vertices, *rest = problem(parts)
-    anchor, share, target, confidence = rest
+    anchor, vertex_weights, target, confidence = rest
     weights = {name: weight for name, weight in WEIGHTS.items() if name != left_out}
-    energy = Energy(parts[0], weights, anchor, share, shown=parts[1], target=target, confidence=confidence)
+    energy = Energy(
+        parts[0], weights, anchor, vertex_weights, pixel_faces=parts[1], target=target, confidence=confidence
+    )
     energy.vertices.copy_(vertices)
     found = dict(zip(TERMS, energy.evaluate().T, strict=True))
     vertices.requires_grad_()
@@ -84,8 +86,10 @@ def test_terms_and_gradient_equal_the_losses_in_float64(parts, left_out):
 def test_float32_is_float64_within_rounding(parts):
     energies = []
     for dtype in (torch.float32, torch.float64):
-        vertices, anchor, share, target, _ = problem(parts, dtype)
-        energies.append(Energy(parts[0], WEIGHTS, anchor, share, shown=parts[1], target=target))
+        vertices, anchor, vertex_weights, target, _ = problem(parts, dtype)
+        energies.append(
+            Energy(parts[0], WEIGHTS, anchor, vertex_weights, pixel_faces=parts[1], target=target)
+        )
         energies[-1].vertices.copy_(vertices)
     terms = [energy.evaluate() for energy in energies]
     torch.testing.assert_close(*terms, rtol=2e-4, atol=1e-9)
@@ -94,7 +98,7 @@ def test_float32_is_float64_within_rounding(parts):
 
 
 def test_frames_do_not_touch_each_other(parts):
-    vertices, anchor, share, target, confidence = problem(parts, torch.float32)
+    vertices, anchor, vertex_weights, target, confidence = problem(parts, torch.float32)
     weights = WEIGHTS | {"temporal_m2": 0.0}
 
     def evaluated(frames):
@@ -102,8 +106,8 @@ def test_frames_do_not_touch_each_other(parts):
             parts[0],
             weights,
             anchor[frames],
-            share[frames],
-            shown=parts[1],
+            vertex_weights[frames],
+            pixel_faces=parts[1],
             target=target[frames],
             confidence=confidence[frames],
         )
@@ -118,8 +122,8 @@ def test_frames_do_not_touch_each_other(parts):
 
 
 def test_frames_that_are_not_active_keep_their_last_values(parts):
-    vertices, anchor, share, *_ = problem(parts)
-    energy = Energy(parts[0], {"edge_length_m2": 1.0}, anchor, share)
+    vertices, anchor, vertex_weights, *_ = problem(parts)
+    energy = Energy(parts[0], {"edge_length_m2": 1.0}, anchor, vertex_weights)
     before, gradient = energy.evaluate(), energy.gradient.clone()
     energy.vertices.copy_(vertices)
     energy.active.copy_(torch.tensor([1, 0, 0, 1]))

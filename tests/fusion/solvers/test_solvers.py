@@ -32,9 +32,9 @@ def scene():
     truth = wrinkled(mesh, 3)
     positions, normals = true_maps(imager, truth)
     mask = imager.mask.numpy().astype(np.float32)
-    share = gaussian_filter(mask, (0, 1.5, 1.5))[..., None]
+    coverage = gaussian_filter(mask, (0, 1.5, 1.5))[..., None]
     blurred = (
-        gaussian_filter(positions.numpy(), (0, 0, 1.5, 1.5, 0)) / np.maximum(share, 1e-6) * mask[..., None]
+        gaussian_filter(positions.numpy(), (0, 0, 1.5, 1.5, 0)) / np.maximum(coverage, 1e-6) * mask[..., None]
     )
     return {
         "imager": imager,
@@ -101,13 +101,13 @@ def test_remembered_steps_act_as_the_two_loop_recursion():
 
 
 def two_loops(pairs, gradient):
-    rest, shares = gradient.clone(), []
+    rest, alphas = gradient.clone(), []
     for step, change in reversed(pairs):
-        shares.append(step @ rest / (step @ change))
-        rest = rest - shares[-1] * change
+        alphas.append(step @ rest / (step @ change))
+        rest = rest - alphas[-1] * change
     found = 0.3 * rest
     for step, change in pairs:
-        found = found + (shares.pop() - change @ found / (step @ change)) * step
+        found = found + (alphas.pop() - change @ found / (step @ change)) * step
     return found
 
 
@@ -124,29 +124,31 @@ def small_problem():
     mesh = patch()
     imager = TemplateImager.build(mesh, views=("front",), size=(20, 20), backend="numpy")
     topology = Topology(mesh)
-    shown = PixelFaces.of(imager.raster, topology)
+    pixel_faces = PixelFaces.of(imager.raster, topology)
     generator = torch.Generator().manual_seed(0)
     folded = torch.from_numpy(mesh.vertices).repeat(2, 1, 1)
     folded[..., 2] += 0.01 * torch.sin(40 * folded[..., 0])
     anchor = folded + 0.001 * torch.randn(folded.shape, generator=generator, dtype=torch.float64)
-    target = shown.product(topology.n_vertices)(topology.normals(folded))
+    target = pixel_faces.product(topology.n_vertices)(topology.normals(folded))
     target = target + 0.1 * torch.randn(target.shape, generator=generator, dtype=torch.float64)
-    return topology, shown, StageProblem(start=anchor, anchor=anchor), safe_normalize(target)
+    return topology, pixel_faces, StageProblem(start=anchor, anchor=anchor), safe_normalize(target)
 
 
-def made(topology, shown, config):
+def made(topology, pixel_faces, config):
     """Both solvers in float64."""
     seen = torch.ones(topology.n_vertices, dtype=torch.bool)
     return (
-        LocalGlobalSolver(topology, config, seen=seen, shown=shown, device=CPU, dtype=torch.float64),
-        AdamSolver(topology, config, pixels=shown.product(topology.n_vertices)),
+        LocalGlobalSolver(
+            topology, config, seen=seen, pixel_faces=pixel_faces, device=CPU, dtype=torch.float64
+        ),
+        AdamSolver(topology, config, pixels=pixel_faces.product(topology.n_vertices)),
     )
 
 
 def test_both_solvers_reach_the_same_optimum_of_the_first_stage():
-    topology, shown, problem, _ = small_problem()
+    topology, pixel_faces, problem, _ = small_problem()
     config = FusionConfig(edge_steps=1500, learning_rate_m=6e-5, edge_iterations=500, edge_tolerance=0.0)
-    found, want = (solver.edge_stage(problem) for solver in made(topology, shown, config))
+    found, want = (solver.edge_stage(problem) for solver in made(topology, pixel_faces, config))
     least, reference = (total(minimum.at(-1), edge_weights(config)) for minimum in (found, want))
     torch.testing.assert_close(least, reference, rtol=1e-5, atol=0)
     assert (found.vertices - want.vertices).norm(dim=-1).max() < 2e-5  # metres; edges are 35 mm long
@@ -154,26 +156,26 @@ def test_both_solvers_reach_the_same_optimum_of_the_first_stage():
 
 def test_both_solvers_reach_the_same_optimum_of_the_second_stage():
     """Adam comes within 2 % of ours in as many steps as there is time for, and finds nothing lower from there."""
-    topology, shown, problem, target = small_problem()
+    topology, pixel_faces, problem, target = small_problem()
     config = FusionConfig(
         normal_steps=600, learning_rate_m=1e-4, normal_iterations=1000, normal_tolerance=0.0
     )
     problem = replace(problem, target=target)
-    ours, adam = made(topology, shown, config)
+    ours, adam = made(topology, pixel_faces, config)
     found, want = ours.normal_stage(problem), adam.normal_stage(problem)
     least, reference = (total(minimum.at(-1), normal_weights(config)) for minimum in (found, want))
     assert (least <= reference).all()
     assert (reference <= 1.02 * least).all()
-    _, fine = made(topology, shown, config.model_copy(update={"learning_rate_m": 1e-7}))
+    _, fine = made(topology, pixel_faces, config.model_copy(update={"learning_rate_m": 1e-7}))
     again = fine.normal_stage(replace(problem, start=found.vertices))
     assert (total(again.at(-1), normal_weights(config)) >= least * (1 - 1e-5)).all()
     assert (again.vertices - found.vertices).norm(dim=-1).max() < 2e-5  # metres
 
 
 def test_every_step_lowers_the_objective():
-    topology, shown, problem, target = small_problem()
+    topology, pixel_faces, problem, target = small_problem()
     config = FusionConfig(normal_iterations=30, normal_tolerance=0.005)
-    solver, _ = made(topology, shown, config)
+    solver, _ = made(topology, pixel_faces, config)
     found = solver.normal_stage(StageProblem(start=problem.start, anchor=problem.anchor, target=target))
     curve = total(found.history, normal_weights(config))
     assert len(curve) > 10
@@ -450,10 +452,10 @@ def test_every_weight_may_be_zero(scene, left_out):
 
 def test_a_garment_beneath_is_kept_out_of(scene):
     mesh = tube()
-    under = leaning(mesh.vertices * np.array([0.99, 1.0, 0.99]), 3)
+    inner = leaning(mesh.vertices * np.array([0.99, 1.0, 0.99]), 3)
     sunk = scene["inputs"]["positions"] * torch.tensor([0.97, 1.0, 0.97])
     inputs = {"positions": sunk, "normals": scene["inputs"]["normals"]}
-    result = fuse(scene["imager"], **inputs, under_vertices=under, under_faces=mesh.faces)
+    result = fuse(scene["imager"], **inputs, inner_vertices=inner, inner_faces=mesh.faces)
     assert result.report["penetration_percent"]["after"] == 0
     without = fuse(scene["imager"], **inputs)
     radius = np.linalg.norm(result.vertices - without.vertices, axis=-1)

@@ -136,11 +136,11 @@ def test_the_garment_stays_outside_of_one_worn_beneath(folder):
     canonical = leaning(wide, FRAMES)
     world = np.einsum("tab,tnb->tna", rotation, canonical) + translation[:, None]
     np.savez(
-        folder / "under.npz",
+        folder / "inner.npz",
         garment_faces=clip.garment_faces,
         garment_vertices=world.astype(np.float32),
     )
-    assert command(folder, "--under", folder / "under.npz") == 0
+    assert command(folder, "--inner", folder / "inner.npz") == 0
     found = np.einsum("tba,tnb->tna", rotation, fused(folder) - translation[:, None])
     turns = [np.linalg.lstsq(wide, frame, rcond=None)[0] for frame in canonical]
     upright = np.stack([np.linalg.solve(turn.T, frame.T).T for turn, frame in zip(turns, found, strict=True)])
@@ -253,9 +253,9 @@ MISTAKES = {
         ("--initial", "initial.npz"),
         "nothing to fuse",
     ),
-    "under without faces": (
+    "inner without faces": (
         lambda f: np.savez(f / "u.npz", garment_vertices=np.zeros((2, 3, 3))),
-        ("--under", "u.npz"),
+        ("--inner", "u.npz"),
         "u.npz: lacks garment_faces",
     ),
     "pin out of range": (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from queue import SimpleQueue
 
 import numpy as np
@@ -14,37 +14,19 @@ import torch
 from fusion.config import FusionConfig
 from fusion.initialise import InitialWeights, Readings
 from fusion.inputs import FusionInputs
-from fusion.losses import anchor_share
+from fusion.losses import anchor_weights
 from fusion.obstacles.clearance import lift_clear
 from fusion.obstacles.layers import MovingObstacle, Obstacles, OuterSurface
 from fusion.obstacles.sdf import BodySdf, SdfQuery
 from fusion.parallel import be_one_of_many, n_threads
+from fusion.report import Stopwatch
 from fusion.solvers.adam import AdamSolver
 from fusion.solvers.local_global import LocalGlobalSolver
 from fusion.solvers.pixel_faces import PixelFaces
-from fusion.stages import Solver, SolverResult, StageProblem
-from fusion.stopwatch import Stopwatch
+from fusion.stages import BatchResult, Solver, SolverResult, StageProblem
 from fusion.topology import Topology
 from render.maps.imager import TemplateImager
 from render.mesh.mesh import check_finite, safe_normalize
-
-
-@dataclass(frozen=True, eq=False)
-class BatchResult:
-    """One batch of frames, solved.
-
-    Args:
-        vertices, initial: (T, N, 3) float32, metres.
-        stages: what the solver found, by stage.
-        unseen: (T,) share of the vertices that were not read from the maps.
-        inside: (T,) share of the vertices below an obstacle's surface before and after the clean-up.
-    """
-
-    vertices: np.ndarray
-    initial: np.ndarray
-    stages: dict[str, SolverResult]
-    unseen: np.ndarray
-    inside: tuple[np.ndarray, np.ndarray] | None
 
 
 def usable_threads(config: FusionConfig, device: torch.device, n_frames: int) -> int:
@@ -64,7 +46,7 @@ def frames_at_once(config: FusionConfig, threads: int, n_frames: int) -> int:
     return min(config.batch_frames, -(-n_frames // threads))
 
 
-class Pipeline:
+class FrameSolver:
     """From maps to vertices for one template, batch by batch.
 
     Args:
@@ -90,19 +72,19 @@ class Pipeline:
         self._topology = Topology(inputs.rest)
         self._weights = InitialWeights(imager) if inputs.positions is not None else None
         self._seen = torch.from_numpy(imager.visible.any(axis=0)).to(device)
-        self._shown = PixelFaces.of(imager.raster, self._topology)
+        self._pixel_faces = PixelFaces.of(imager.raster, self._topology)
         self._fixed: torch.Tensor | None = None
         if inputs.pinned is not None:
             self._fixed = torch.zeros(len(imager.mesh.vertices), dtype=torch.bool, device=device)
             self._fixed[inputs.pinned] = True
         # An obstacle stands in one pose at a time: each thread takes one while it works.
-        self._obstacles: SimpleQueue[_Remembering | None] = SimpleQueue()
+        self._obstacles: SimpleQueue[_CachedObstacle | None] = SimpleQueue()
         for _ in range(threads):
             self._obstacles.put(_obstacle(inputs, config, device))
         self._solver = self._make_solver(with_normals=inputs.normals is not None)
         self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
 
-    def pieces(self, batches: Iterable[FusionInputs], watch: Stopwatch) -> Iterator[BatchResult]:
+    def solve_all(self, batches: Iterable[FusionInputs], watch: Stopwatch) -> Iterator[BatchResult]:
         """All batches solved, in their order; over several threads where that helps.
 
         No more batches are asked for than keep the threads busy.
@@ -130,26 +112,30 @@ class Pipeline:
         finally:
             self._obstacles.put(obstacle)
 
-    def _solved(self, inputs: FusionInputs, watch: Stopwatch, obstacle: _Remembering | None) -> BatchResult:
+    def _solved(
+        self, inputs: FusionInputs, watch: Stopwatch, obstacle: _CachedObstacle | None
+    ) -> BatchResult:
         stages: dict[str, SolverResult] = {}
         config = self._config
         with watch.stage("start"):
             readings = self._readings(inputs)
             target, confidence = self._target(inputs)
             if obstacle is not None:
-                obstacle.update(*(v for v in (inputs.body_vertices, inputs.under_vertices) if v is not None))
+                obstacle.update(*(v for v in (inputs.body_vertices, inputs.inner_vertices) if v is not None))
         vertices = initial = readings.vertices
         if inputs.positions is not None and _any_steps(config, "edge"):
-            share = anchor_share(
+            vertex_weights = anchor_weights(
                 self._seen if readings.confidence is None else readings.seen, readings.confidence
             )
-            problem = StageProblem(start=self._started("edge", initial), anchor=initial, share=share)
+            problem = StageProblem(
+                start=self._start("edge", initial), anchor=initial, vertex_weights=vertex_weights
+            )
             with watch.stage("edge"):
                 stages["edge"] = self._solver.edge_stage(problem)
-            vertices = self._kept("edge", initial, stages["edge"])
+            vertices = self._result("edge", initial, stages["edge"])
         if _any_steps(config, "normal") and (target is not None or obstacle is not None):
             problem = StageProblem(
-                start=self._started("normal", vertices),
+                start=self._start("normal", vertices),
                 anchor=vertices,
                 target=target,
                 confidence=confidence,
@@ -157,7 +143,7 @@ class Pipeline:
             )
             with watch.stage("normal"):
                 stages["normal"] = self._solver.normal_stage(problem)
-            vertices = self._kept("normal", vertices, stages["normal"])
+            vertices = self._result("normal", vertices, stages["normal"])
         inside = None
         if obstacle is not None:
             with watch.stage("clearance"):
@@ -170,10 +156,15 @@ class Pipeline:
     def _make_solver(self, *, with_normals: bool) -> Solver:
         config = self._config
         if config.solver == "adam":
-            pixels = self._shown.product(self._topology.n_vertices) if with_normals else None
+            pixels = self._pixel_faces.product(self._topology.n_vertices) if with_normals else None
             return AdamSolver(self._topology, config, pixels=pixels, fixed=self._fixed)
         return LocalGlobalSolver(
-            self._topology, config, seen=self._seen, shown=self._shown, device=self._device, fixed=self._fixed
+            self._topology,
+            config,
+            seen=self._seen,
+            pixel_faces=self._pixel_faces,
+            device=self._device,
+            fixed=self._fixed,
         )
 
     def _readings(self, inputs: FusionInputs) -> Readings:
@@ -202,28 +193,28 @@ class Pipeline:
 
         A network's average of normals is shorter than 1.
         """
-        places = self._shown.places
+        places = self._pixel_faces.places
         if inputs.normals is None:
             return None, None
         target = safe_normalize(inputs.normals.flatten(1, 3)[:, places].to(self._device))
         confidence = self._confidence(inputs)
         return target, None if confidence is None else confidence.flatten(1)[:, places]
 
-    def _started(self, stage: str, vertices: torch.Tensor) -> torch.Tensor:
+    def _start(self, stage: str, vertices: torch.Tensor) -> torch.Tensor:
         """Where to start: `vertices`, moved as in the frame before for a warm start."""
         change = self._changes.get(stage)
         return vertices if change is None else vertices + change
 
-    def _kept(self, stage: str, before: torch.Tensor, found: SolverResult) -> torch.Tensor:
+    def _result(self, stage: str, before: torch.Tensor, solved: SolverResult) -> torch.Tensor:
         """The stage's result; for a warm start, what it changed is kept for the next frame."""
         if self._config.warm_start:
-            self._changes[stage] = found.vertices - before
-        return found.vertices
+            self._changes[stage] = solved.vertices - before
+        return solved.vertices
 
     def _cleared(
-        self, vertices: torch.Tensor, obstacle: _Remembering
+        self, vertices: torch.Tensor, obstacle: _CachedObstacle
     ) -> tuple[torch.Tensor, tuple[np.ndarray, np.ndarray]]:
-        """The vertices after the clean-up, and the shares inside (T,) before and after."""
+        """The vertices after the clean-up, and the fractions inside (T,) before and after."""
         before = obstacle.query(vertices).distance
         cleared = lift_clear(
             vertices,
@@ -233,11 +224,11 @@ class Pipeline:
             rounds=self._config.clearance_rounds,
             fixed=self._fixed,
         )
-        shares = [(distance < 0).float().mean(-1).cpu().numpy() for distance in (before, cleared.distance)]
-        return cleared.vertices, (shares[0], shares[1])
+        fractions = [(distance < 0).float().mean(-1).cpu().numpy() for distance in (before, cleared.distance)]
+        return cleared.vertices, (fractions[0], fractions[1])
 
 
-class _Remembering:
+class _CachedObstacle:
     """An obstacle that remembers its last answer: solver, report and clean-up ask about the same vertices."""
 
     def __init__(self, obstacle: Obstacles) -> None:
@@ -264,25 +255,25 @@ class _Remembering:
         return self._obstacle.distance(points)
 
 
-def _obstacle(inputs: FusionInputs, config: FusionConfig, device: torch.device) -> _Remembering | None:
-    """Body and garment beneath as one, None without either."""
+def _obstacle(inputs: FusionInputs, config: FusionConfig, device: torch.device) -> _CachedObstacle | None:
+    """Body and inner garment as one, None without either."""
     parts: list[MovingObstacle] = []
     if inputs.body_vertices is not None:
         assert inputs.body_faces is not None
         count = inputs.body_vertices.shape[1]
         parts.append(BodySdf(inputs.body_faces, count, device=device, band_m=config.sdf_band_m))
-    if inputs.under_vertices is not None:
-        assert inputs.under_faces is not None
+    if inputs.inner_vertices is not None:
+        assert inputs.inner_faces is not None
         parts.append(
             OuterSurface(
-                inputs.under_faces,
-                inputs.under_vertices.shape[1],
+                inputs.inner_faces,
+                inputs.inner_vertices.shape[1],
                 device=device,
-                offset_m=config.under_margin_m,
+                offset_m=config.inner_margin_m,
                 band_m=config.sdf_band_m,
             )
         )
-    return _Remembering(Obstacles(parts)) if parts else None
+    return _CachedObstacle(Obstacles(parts)) if parts else None
 
 
 def _any_steps(config: FusionConfig, stage: str) -> bool:
