@@ -29,7 +29,6 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "a data set in one file, which all commands read where it lies.",
         examples=(
             "imgtransfer export configs/sample_data/tshirt.zarr.zip --clip tshirt/walk_s104 --out walk.glb",
-            "imgtransfer export predictions/tshirt__punch_s101/fused.npz --out punch_obj",
             "imgtransfer export my_data.zarr --out my_data.zarr.zip",
         ),
     )
