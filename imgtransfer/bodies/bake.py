@@ -33,12 +33,12 @@ def phenotype_basis(
     flat = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
     left, size, right = np.linalg.svd(flat, full_matrices=False)
     left, size, right = left[:, :RANK], size[:RANK], right[:RANK]
-    signs = np.sign(right[np.arange(RANK), np.abs(right).argmax(axis=1)])  # an SVD leaves them open
+    signs = np.sign(right[np.arange(len(right)), np.abs(right).argmax(axis=1)])  # an SVD leaves them open
     largest = np.abs(right).max(axis=1)
     return {
         "corners": (left * signs * size).astype(np.float32),
         "scales": largest.astype(np.float32),
-        "basis": (right * (signs / largest)[:, None]).reshape(RANK, -1, 3).astype(np.float16),
+        "basis": (right * (signs / largest)[:, None]).reshape(len(right), -1, 3).astype(np.float16),
     }
 
 
