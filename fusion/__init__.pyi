@@ -2,11 +2,17 @@ from .api import fuse as fuse
 from .config import FusionConfig as FusionConfig
 from .initialise import InitialWeights as InitialWeights
 from .initialise import initial_vertices as initial_vertices
+from .inputs import DecodedMaps as DecodedMaps
+from .inputs import FusionInputs as FusionInputs
+from .inputs import MovingSurface as MovingSurface
+from .inputs import PinnedVertices as PinnedVertices
 from .losses import collision_loss as collision_loss
 from .losses import displacement_loss as displacement_loss
 from .losses import edge_length_loss as edge_length_loss
 from .losses import normal_consistency_loss as normal_consistency_loss
 from .losses import normal_rendering_loss as normal_rendering_loss
+from .map_files import MapReading as MapReading
+from .map_files import fuse_map_parts as fuse_map_parts
 from .map_files import fuse_maps as fuse_maps
 from .obstacles.clearance import Clearance as Clearance
 from .obstacles.clearance import clear_body as clear_body
@@ -16,5 +22,6 @@ from .obstacles.layers import OuterSurface as OuterSurface
 from .obstacles.sdf import BodySdf as BodySdf
 from .obstacles.sdf import Obstacle as Obstacle
 from .obstacles.sdf import SdfQuery as SdfQuery
+from .stages import BatchResult as BatchResult
 from .stream import FusionResult as FusionResult
 from .topology import Topology as Topology

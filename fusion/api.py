@@ -7,26 +7,17 @@ from collections.abc import Callable
 import torch
 
 from fusion.config import FusionConfig
-from fusion.inputs import Array, FusionInputs
-from fusion.stream import FusionResult, collected, fuse_batches, slices
+from fusion.input_checks import checked
+from fusion.inputs import FusionInputs
+from fusion.stream import FrameStream, FusionResult, collected, fuse_batches, slices
 from render.maps.imager import TemplateImager
 
 
 def fuse(
     imager: TemplateImager,
-    *,
-    positions: Array | None = None,
-    normals: Array | None = None,
-    initial: Array | None = None,
-    rest: Array | None = None,
-    confidence: Array | None = None,
-    pinned: Array | None = None,
-    pinned_positions: Array | None = None,
-    body_vertices: Array | None = None,
-    body_faces: Array | None = None,
-    inner_vertices: Array | None = None,
-    inner_faces: Array | None = None,
+    inputs: FusionInputs,
     config: FusionConfig | None = None,
+    *,
     device: str | torch.device = "cpu",
     history: bool = False,
     progress: Callable[[int], object] | None = None,
@@ -42,56 +33,29 @@ def fuse(
 
     Args:
         imager: of the garment's template, with the cameras of the maps.
-        positions: (T, S, H, W, 3) metres (decoded by their box).
-        normals: (T, S, H, W, 3) in [-1, 1] (decoded); only their directions count.
-        initial: (T, N, 3) metres, vertices to start from instead of `positions`.
-        rest: (N, 3) metres, the garment whose edge lengths are kept, where it is not the imager's template: the same
-            garment refitted to another body. Pixels and cameras stay the imager's.
-        confidence: (T, S, H, W) at least 0, what each pixel counts in the readings of the position maps, in holding
-            vertices to their readings, and in the normal term; 1 is as usual, and everywhere 1 is as None. Pixels
-            with 0 are ignored, and vertices of which nothing else shows are treated as unseen.
-        pinned: (P,) integers, vertices that are held exactly.
-        pinned_positions: (T, P, 3) metres, where; None: where they start.
-        body_vertices: (T, B, 3) metres, in the frame of the maps.
-        body_faces: (G, 3) integers, counter-clockwise from outside.
-        inner_vertices: (T, M, 3) metres, another garment worn beneath, whose outer surface this one stays outside of.
-        inner_faces: (K, 3) integers, counter-clockwise from outside.
+        inputs: T frames of maps or of vertices to start from, and what they are fused with.
         config: hyper-parameters; the defaults if None.
         device: torch device that computes.
         history: whether to report the terms at every iteration.
         progress: called with the number of frames after each batch of them.
 
+    Returns:
+        Vertices (T, N, 3) float32, metres, before and after; and the report.
+
     Raises:
-        InputError: neither or both of `positions` and `initial`; shapes that do not fit; values under the
-            mask that are not finite; a template that no view sees; a `rest` of another size; a body turned
+        InputError: neither or both of position maps and `initial`; shapes that do not fit; values in the template's
+            pixels that are not finite; a template that no view sees; a `rest` of another size; a body turned
             inside out.
     """
-    config = config or FusionConfig()
-    inputs = FusionInputs(
-        imager,
-        positions=positions,
-        normals=normals,
-        initial=initial,
-        rest=rest,
-        confidence=confidence,
-        pinned=pinned,
-        pinned_positions=pinned_positions,
-        body_vertices=body_vertices,
-        body_faces=body_faces,
-        inner_vertices=inner_vertices,
-        inner_faces=inner_faces,
+    inputs = checked(inputs, imager)
+    confidence = inputs.maps.confidence
+    frames = FrameStream(
+        inputs.n_frames,
+        lambda size: (inputs.part(frames) for frames in slices(inputs.n_frames, size)),
+        weighted=confidence is not None and bool((confidence[:, imager.mask] != 1).any()),
     )
-    weighted = inputs.confidence is not None and bool((inputs.confidence[:, imager.mask] != 1).any())
     return collected(
         lambda take: fuse_batches(
-            imager,
-            inputs.n_frames,
-            lambda size: (inputs.part(frames) for frames in slices(inputs.n_frames, size)),
-            take,
-            config=config,
-            device=device,
-            weighted=weighted,
-            history=history,
-            progress=progress,
+            imager, frames, take, config, device=device, history=history, progress=progress
         )
     )

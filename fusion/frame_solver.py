@@ -13,6 +13,7 @@ import torch
 
 from fusion.config import FusionConfig
 from fusion.initialise import InitialWeights, Readings
+from fusion.input_checks import rest_mesh
 from fusion.inputs import FusionInputs
 from fusion.losses import anchor_weights
 from fusion.obstacles.clearance import lift_clear
@@ -51,11 +52,15 @@ class FrameSolver:
 
     Args:
         imager: of the template.
-        inputs: of any frames: what is given at all, and the rest shape, whose geometry the losses and the solver know.
+        inputs: of any frames, checked: what is given at all, and the rest shape, whose geometry the losses and the
+            solver know.
         config: hyper-parameters.
         device: computes.
         threads: batches that are solved at the same time.
         weighted: whether any pixel's confidence is not 1; without, confidences are not looked at.
+
+    Raises:
+        InputError: a rest shape that does not fit the template, or a template that no view sees.
     """
 
     def __init__(
@@ -69,19 +74,19 @@ class FrameSolver:
         weighted: bool,
     ) -> None:
         self._config, self._device, self._threads, self._weighted = config, device, threads, weighted
-        self._topology = Topology(inputs.rest)
-        self._weights = InitialWeights(imager) if inputs.positions is not None else None
+        self._topology = Topology(rest_mesh(inputs.rest, imager.mesh))
+        self._weights = InitialWeights(imager) if inputs.maps.positions is not None else None
         self._seen = torch.from_numpy(imager.visible.any(axis=0)).to(device)
         self._pixel_faces = PixelFaces.of(imager.raster, self._topology)
         self._fixed: torch.Tensor | None = None
-        if inputs.pinned is not None:
+        if inputs.pins is not None:
             self._fixed = torch.zeros(len(imager.mesh.vertices), dtype=torch.bool, device=device)
-            self._fixed[inputs.pinned] = True
+            self._fixed[inputs.pins.indices] = True
         # An obstacle stands in one pose at a time: each thread takes one while it works.
         self._obstacles: SimpleQueue[_CachedObstacle | None] = SimpleQueue()
         for _ in range(threads):
             self._obstacles.put(_obstacle(inputs, config, device))
-        self._solver = self._make_solver(with_normals=inputs.normals is not None)
+        self._solver = self._make_solver(with_normals=inputs.maps.normals is not None)
         self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
 
     def solve_all(self, batches: Iterable[FusionInputs], watch: Stopwatch) -> Iterator[BatchResult]:
@@ -121,9 +126,11 @@ class FrameSolver:
             readings = self._readings(inputs)
             target, confidence = self._target(inputs)
             if obstacle is not None:
-                obstacle.update(*(v for v in (inputs.body_vertices, inputs.inner_vertices) if v is not None))
+                obstacle.update(
+                    *(surface.vertices for surface in (inputs.body, inputs.inner) if surface is not None)
+                )
         vertices = initial = readings.vertices
-        if inputs.positions is not None and _any_steps(config, "edge"):
+        if inputs.maps.positions is not None and _any_steps(config, "edge"):
             vertex_weights = anchor_weights(
                 self._seen if readings.confidence is None else readings.seen, readings.confidence
             )
@@ -150,7 +157,7 @@ class FrameSolver:
                 vertices, inside = self._cleared(vertices, obstacle)
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
         solved = _array(vertices)
-        check_finite(solved, "fuse: the result", first=inputs.first)
+        check_finite(solved, "fuse: the result", first=inputs.first_frame)
         return BatchResult(solved, _array(initial), stages, unseen, inside)
 
     def _make_solver(self, *, with_normals: bool) -> Solver:
@@ -170,33 +177,33 @@ class FrameSolver:
     def _readings(self, inputs: FusionInputs) -> Readings:
         """Vertices from the position maps, or those given; pinned ones where they are wanted."""
         if self._weights is not None:
-            assert inputs.positions is not None
-            readings = self._weights.read(inputs.positions.to(self._device), self._confidence(inputs))
+            assert inputs.maps.positions is not None
+            readings = self._weights.read(inputs.maps.positions.to(self._device), self._confidence(inputs))
         else:
             assert inputs.initial is not None
             vertices = inputs.initial.to(self._device)
             readings = Readings(vertices, self._seen.expand(len(vertices), -1))
-        if inputs.pinned_positions is None:
+        if inputs.pins is None or inputs.pins.positions is None:
             return readings
         pinned = readings.vertices.clone()
-        pinned[:, inputs.pinned] = inputs.pinned_positions.to(pinned)
+        pinned[:, inputs.pins.indices] = inputs.pins.positions.to(pinned)
         return replace(readings, vertices=pinned)
 
     def _confidence(self, inputs: FusionInputs) -> torch.Tensor | None:
         """(T, S, H, W); None where all count alike."""
-        if not self._weighted or inputs.confidence is None:
+        if not self._weighted or inputs.maps.confidence is None:
             return None
-        return inputs.confidence.to(self._device)
+        return inputs.maps.confidence.to(self._device)
 
     def _target(self, inputs: FusionInputs) -> tuple[torch.Tensor | None, torch.Tensor | None]:
         """(T, P, 3) unit normals at the covered pixels, and their confidence (T, P).
 
         A network's average of normals is shorter than 1.
         """
-        places = self._pixel_faces.places
-        if inputs.normals is None:
+        places, normals = self._pixel_faces.places, inputs.maps.normals
+        if normals is None:
             return None, None
-        target = safe_normalize(inputs.normals.flatten(1, 3)[:, places].to(self._device))
+        target = safe_normalize(normals.flatten(1, 3)[:, places].to(self._device))
         confidence = self._confidence(inputs)
         return target, None if confidence is None else confidence.flatten(1)[:, places]
 
@@ -258,16 +265,14 @@ class _CachedObstacle:
 def _obstacle(inputs: FusionInputs, config: FusionConfig, device: torch.device) -> _CachedObstacle | None:
     """Body and inner garment as one, None without either."""
     parts: list[MovingObstacle] = []
-    if inputs.body_vertices is not None:
-        assert inputs.body_faces is not None
-        count = inputs.body_vertices.shape[1]
-        parts.append(BodySdf(inputs.body_faces, count, device=device, band_m=config.sdf_band_m))
-    if inputs.inner_vertices is not None:
-        assert inputs.inner_faces is not None
+    if inputs.body is not None:
+        count = inputs.body.vertices.shape[1]
+        parts.append(BodySdf(inputs.body.faces, count, device=device, band_m=config.sdf_band_m))
+    if inputs.inner is not None:
         parts.append(
             OuterSurface(
-                inputs.inner_faces,
-                inputs.inner_vertices.shape[1],
+                inputs.inner.faces,
+                inputs.inner.vertices.shape[1],
                 device=device,
                 offset_m=config.inner_margin_m,
                 band_m=config.sdf_band_m,

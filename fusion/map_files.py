@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from fusion.config import FusionConfig
-from fusion.inputs import FusionInputs
-from fusion.stream import FusionResult, Take, collected, fuse_batches, slices
+from fusion.input_checks import checked
+from fusion.inputs import DecodedMaps, FusionInputs
+from fusion.stream import FrameStream, FusionResult, Take, collected, fuse_batches, slices
 from render.errors import InputError
 from render.maps.dilation import dilate, surface_guide
 from render.maps.encoding import decode_normals
@@ -18,46 +19,37 @@ from render.maps.imager import TemplateImager
 from render.maps.map_file import MapFile, Maps
 from render.mesh.mesh import Mesh
 
-# Share of the template's pixels that the maps may lack: rasterisers differ in single pixels of the outline.
+# Fraction of the template's pixels that the maps may lack: rasterisers differ in single pixels of the outline.
 _TOLERATED = 0.01
 _LOOKED_THROUGH = 16  # frames whose confidence is looked at together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MapSurroundings:
-    """What some frames of maps are fused with, in the canonical frame of the maps, metres.
+class MapReading:
+    """How map files are read.
 
     Args:
-        initial: (T, N, 3), vertices to start from; position maps are then neither needed nor used.
-        pinned_positions: (T, P, 3), where pinned vertices are.
-        body_vertices: (T, B, 3); the garment is kept out of it.
-        inner_vertices: (T, M, 3), another garment worn beneath.
+        template: in place of the one in the file; same number of vertices, same silhouette.
+        positions_only: leave the normal maps out.
+        erode: how many pixels along the outline not to trust, because they are blurred with the background.
+            Values from inside are grown over them, and over pixels of the template that the maps' mask lacks.
     """
 
-    initial: np.ndarray | None = None
-    pinned_positions: np.ndarray | None = None
-    body_vertices: np.ndarray | None = None
-    inner_vertices: np.ndarray | None = None
+    template: Mesh | None = None
+    positions_only: bool = False
+    erode: int = 0
 
 
 #: Given how many frames make a part, all frames in order, so many at a time, each part with what it is fused with.
-MapParts = Callable[[int], Iterator[tuple[MapFile, MapSurroundings]]]
+MapParts = Callable[[int], Iterator[tuple[MapFile, FusionInputs]]]
 
 
 def fuse_maps(
     maps: MapFile,
-    *,
-    template: Mesh | None = None,
-    initial: np.ndarray | None = None,
-    positions_only: bool = False,
-    erode: int = 0,
-    pinned: np.ndarray | None = None,
-    pinned_positions: np.ndarray | None = None,
-    body_vertices: np.ndarray | None = None,
-    body_faces: np.ndarray | None = None,
-    inner_vertices: np.ndarray | None = None,
-    inner_faces: np.ndarray | None = None,
+    inputs: FusionInputs | None = None,
     config: FusionConfig | None = None,
+    *,
+    reading: MapReading | None = None,
     device: str = "cpu",
     history: bool = False,
     progress: Callable[[int], object] | None = None,
@@ -66,51 +58,30 @@ def fuse_maps(
 
     Args:
         maps: T frames of encoded maps from S views; the confidence in it is used, and its rest shape.
-        template: in place of the one in the file; same number of vertices, same silhouette.
-        initial: (T, N, 3) metres, vertices to start from; position maps are then neither needed nor used.
-        positions_only: leave the normal maps out.
-        erode: how many pixels along the outline not to trust, because they are blurred with the background.
-            Values from inside are grown over them, and over pixels of the template that the maps' mask lacks.
-        pinned, pinned_positions: (P,) vertices that stay in place, and (T, P, 3) metres, where.
-        body_vertices, body_faces: (T, B, 3) metres and (G, 3); the garment is kept out of it.
-        inner_vertices, inner_faces: (T, M, 3) metres and (K, 3), another garment worn beneath.
+        inputs: T frames of what they are fused with, all but the maps: body, inner garment, pins; `initial`, with
+            which position maps are neither needed nor used; `rest`, in place of the file's.
         config, device, history, progress: as for `fuse`.
+        reading: how the maps are read; as they are if None.
+
+    Returns:
+        Vertices (T, N, 3) float32, metres, before and after; and the report.
 
     Raises:
         InputError: nothing to start from, a template that does not fit the maps, or what `fuse` refuses.
     """
-    by_frame = {
-        "initial": initial,
-        "pinned_positions": pinned_positions,
-        "body_vertices": body_vertices,
-        "inner_vertices": inner_vertices,
-    }
-    for name, values in by_frame.items():
-        if values is not None and len(values) != maps.n_frames:
+    around = inputs or FusionInputs()
+    for name, frames in around.frame_counts().items():
+        if frames != maps.n_frames:
             raise InputError(
-                f"fuse: {name} has {len(values)} frames, but the maps have {maps.n_frames}; give as many"
+                f"fuse: {name} has {frames} frames, but the maps have {maps.n_frames}; give as many"
             )
 
-    def parts(size: int) -> Iterator[tuple[MapFile, MapSurroundings]]:
-        for frames in slices(maps.n_frames, size):
-            cut = {name: None if values is None else values[frames] for name, values in by_frame.items()}
-            yield maps.part(frames), MapSurroundings(**cut)
+    def parts(size: int) -> Iterator[tuple[MapFile, FusionInputs]]:
+        return ((maps.part(frames), around.part(frames)) for frames in slices(maps.n_frames, size))
 
     return collected(
         lambda take: fuse_map_parts(
-            maps,
-            parts,
-            take,
-            template=template,
-            positions_only=positions_only,
-            erode=erode,
-            pinned=pinned,
-            body_faces=body_faces,
-            inner_faces=inner_faces,
-            config=config,
-            device=device,
-            history=history,
-            progress=progress,
+            maps, parts, take, config, reading=reading, device=device, history=history, progress=progress
         )
     )
 
@@ -119,14 +90,9 @@ def fuse_map_parts(
     maps: Maps,
     parts: MapParts,
     take: Take,
-    *,
-    template: Mesh | None = None,
-    positions_only: bool = False,
-    erode: int = 0,
-    pinned: np.ndarray | None = None,
-    body_faces: np.ndarray | None = None,
-    inner_faces: np.ndarray | None = None,
     config: FusionConfig | None = None,
+    *,
+    reading: MapReading | None = None,
     device: str = "cpu",
     history: bool = False,
     progress: Callable[[int], object] | None = None,
@@ -137,8 +103,8 @@ def fuse_map_parts(
         maps: the same frames as those of `parts`: how many there are, and whether their pixels count alike.
         parts: the frames, with what each is fused with.
         take: gets every batch that is solved, in order.
-        template, positions_only, erode, pinned, body_faces, inner_faces: as for `fuse_maps`.
         config, device, history, progress: as for `fuse`.
+        reading: how the maps are read; as they are if None.
 
     Returns:
         The report.
@@ -147,35 +113,27 @@ def fuse_map_parts(
         InputError: as `fuse_maps`.
     """
     first, around = next(parts(1))
-    reading = _MapReading(first, template, positions_only, erode, from_positions=around.initial is None)
-    if not reading.imaged and around.body_vertices is None and around.inner_vertices is None:
+    reader = _MapReader(first, reading or MapReading(), from_positions=around.initial is None)
+    if not reader.imaged and around.body is None and around.inner is None:
         raise InputError(
             "maps: initial vertices replace the position maps and there are no normals: nothing to fuse"
         )
-    constant = {"rest": first.rest_vertices, "pinned": pinned}
-    constant |= {"body_faces": body_faces, "inner_faces": inner_faces}
 
     def batches(size: int) -> Iterator[FusionInputs]:
-        inputs, done = None, 0
+        done = 0
         for part, its in parts(size):
-            frames = reading(part) | vars(its)
-            if inputs is None:
-                inputs = FusionInputs(reading.imager, **frames, **constant)
-            else:
-                inputs = inputs.others(done, **frames)
-            done += inputs.n_frames
-            yield inputs
+            if not its.maps.empty:
+                raise InputError(
+                    "fuse: the maps are those of the map file; leave them out of its other inputs"
+                )
+            rest = part.rest_vertices if its.rest is None else its.rest
+            yield checked(replace(its, maps=reader(part), rest=rest, first_frame=done), reader.imager)
+            done += part.n_frames
 
+    weighted = reader.imaged and first.confidence is not None and _weighted(maps, reader.imager)
+    frames = FrameStream(maps.n_frames, batches, weighted=weighted)
     return fuse_batches(
-        reading.imager,
-        maps.n_frames,
-        batches,
-        take,
-        config=config or FusionConfig(),
-        device=device,
-        weighted=reading.imaged and first.confidence is not None and _weighted(maps, reading.imager),
-        history=history,
-        progress=progress,
+        reader.imager, frames, take, config, device=device, history=history, progress=progress
     )
 
 
@@ -188,48 +146,46 @@ def _weighted(maps: Maps, imager: TemplateImager) -> bool:
     )
 
 
-class _MapReading:
+class _MapReader:
     """Maps as the fusion takes them: decoded, and grown beyond their outline.
 
     Args:
         maps: any frames of them.
-        template, positions_only, erode: as for `fuse_maps`.
+        reading: what of them is read, and how.
         from_positions: whether the position maps are where to start from.
 
     Raises:
         InputError: no position maps to start from, or a template that does not fit.
     """
 
-    def __init__(
-        self, maps: MapFile, template: Mesh | None, positions_only: bool, erode: int, *, from_positions: bool
-    ) -> None:
+    def __init__(self, maps: MapFile, reading: MapReading, *, from_positions: bool) -> None:
         if maps.position is None and from_positions:
             raise InputError(
                 "maps: no position maps to start from, only normals; add `position` to the file, or give initial "
                 "vertices"
             )
-        template = template or maps.template
+        template = reading.template or maps.template
         if len(template.vertices) != len(maps.template_vertices):
             raise InputError(
                 f"{template.source}: {len(template.vertices)} vertices, but the maps were made with a template "
                 f"of {len(maps.template_vertices)}; give the mesh that they were made with"
             )
         self.imager = TemplateImager.build(template, cameras=maps.cameras)
-        self._grown = _Grown(self.imager, maps.mask, erode)
+        self._grown = _Grown(self.imager, maps.mask, reading.erode)
         self._positions = from_positions
-        self._normals = maps.normal is not None and not positions_only
+        self._normals = maps.normal is not None and not reading.positions_only
         #: Whether any map is read at all.
         self.imaged = self._positions or self._normals
 
-    def __call__(self, maps: MapFile) -> dict[str, np.ndarray | None]:
-        """Positions in metres, normals in [-1, 1] and confidence of some frames, by the names of `FusionInputs`."""
+    def __call__(self, maps: MapFile) -> DecodedMaps:
+        """Positions in metres, normals in [-1, 1] and confidence of some frames."""
         positions = maps.position if self._positions else None
         normals = maps.normal if self._normals else None
-        return {
-            "positions": None if positions is None else maps.box.decode(self._grown(positions)),
-            "normals": None if normals is None else decode_normals(self._grown(normals)),
-            "confidence": maps.confidence if self.imaged else None,
-        }
+        return DecodedMaps(
+            positions=None if positions is None else maps.box.decode(self._grown(positions)),
+            normals=None if normals is None else decode_normals(self._grown(normals)),
+            confidence=maps.confidence if self.imaged else None,
+        )
 
 
 class _Grown:

@@ -20,22 +20,34 @@ from fusion.stages import BatchResult
 from render.maps.imager import TemplateImager
 from render.threads import one_blas_thread
 
-#: Given how many frames make a batch, all frames in order, so many at a time; the last batch may be smaller.
-Batches = Callable[[int], Iterator[FusionInputs]]
 #: Gets every batch that is solved, in order.
 Take = Callable[[BatchResult], object]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameStream:
+    """Frames that are fetched when their turn comes.
+
+    Args:
+        n_frames: how many `batches` yields in all.
+        batches: given how many frames make a batch, all frames in order, so many at a time, each batch as
+            `fusion.input_checks.checked` returns it; the last one may be smaller.
+        weighted: whether any pixel's confidence in any frame is not 1.
+    """
+
+    n_frames: int
+    batches: Callable[[int], Iterator[FusionInputs]]
+    weighted: bool
 
 
 @one_blas_thread()
 def fuse_batches(
     imager: TemplateImager,
-    n_frames: int,
-    batches: Batches,
+    frames: FrameStream,
     take: Take,
+    config: FusionConfig | None = None,
     *,
-    config: FusionConfig,
     device: str | torch.device = "cpu",
-    weighted: bool,
     history: bool = False,
     progress: Callable[[int], object] | None = None,
 ) -> dict[str, Any]:
@@ -45,11 +57,9 @@ def fuse_batches(
 
     Args:
         imager: of the garment's template, with the cameras of the maps.
-        n_frames: how many frames `batches` yields in all.
-        batches: fetches them.
+        frames: what is fused.
         take: gets every solved batch, in order.
         config, device, history, progress: as for `fuse`.
-        weighted: whether any pixel's confidence in any frame is not 1.
 
     Returns:
         The report, see `FusionResult`.
@@ -57,14 +67,14 @@ def fuse_batches(
     Raises:
         InputError: see `fuse`; frames that came before have been handed on by then.
     """
-    device, started = torch.device(device), time.perf_counter()
+    config, device, started = config or FusionConfig(), torch.device(device), time.perf_counter()
     watch, statistics = Stopwatch(device), Statistics(config)
     with one_torch_thread():
-        threads = usable_threads(config, device, n_frames)
-        coming = batches(frames_at_once(config, threads, n_frames))
+        threads = usable_threads(config, device, frames.n_frames)
+        coming = frames.batches(frames_at_once(config, threads, frames.n_frames))
         first = next(coming)
         with watch.stage("setup"):
-            solver = FrameSolver(imager, first, config, device, threads=threads, weighted=weighted)
+            solver = FrameSolver(imager, first, config, device, threads=threads, weighted=frames.weighted)
         for batch in solver.solve_all(itertools.chain([first], coming), watch):
             statistics.add(batch)
             take(batch)
@@ -73,7 +83,7 @@ def fuse_batches(
     seconds = time.perf_counter() - started
     return statistics.report(history=history) | {
         "seconds": seconds,
-        "seconds_per_frame": seconds / n_frames,
+        "seconds_per_frame": seconds / frames.n_frames,
         "stage_seconds": watch.seconds,
     }
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fusion import FusionConfig, fuse
+from fusion import DecodedMaps, FusionConfig, FusionInputs, MovingSurface, fuse
 from imgtransfer.data.clip import Clip
 from render import decode_normals
 
@@ -52,15 +52,11 @@ def deform(
         InputError: the clip's garment is not the model's.
     """
     prediction = model.predict(clip)
-    result = fuse(
-        prediction.imager,
-        positions=prediction.metres(),
-        normals=decode_normals(prediction.normals),
+    inputs = FusionInputs(
+        maps=DecodedMaps(prediction.metres(), decode_normals(prediction.normals)),
+        body=MovingSurface(prediction.frames.to_canonical(clip.body_vertices), clip.body_faces),
         rest=prediction.rest_vertices,
-        body_vertices=prediction.frames.to_canonical(clip.body_vertices),
-        body_faces=clip.body_faces,
-        config=config,
-        progress=progress,
     )
+    result = fuse(prediction.imager, inputs, config, progress=progress)
     to_world = prediction.frames.to_world
     return Deformation(prediction, to_world(result.initial), to_world(result.vertices), result.report)

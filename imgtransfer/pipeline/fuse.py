@@ -13,9 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from fusion import FusionConfig
-from fusion.map_files import MapSurroundings, fuse_map_parts
-from fusion.stages import BatchResult
+from fusion import (
+    BatchResult,
+    FusionConfig,
+    FusionInputs,
+    MapReading,
+    MovingSurface,
+    PinnedVertices,
+    fuse_map_parts,
+)
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import written_clip
 from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames
@@ -52,7 +58,7 @@ class FuseInputs:
 
 @dataclass(frozen=True, kw_only=True)
 class FuseOptions:
-    """How to fuse: the choices that, with the maps, decide the result; see `fusion.map_files.fuse_maps`."""
+    """How to fuse: the choices that, with the maps, decide the result; see `fusion.MapReading`."""
 
     config: FusionConfig
     positions_only: bool = False
@@ -118,13 +124,8 @@ def fuse_into(
             maps,
             stream.parts,
             take,
-            template=given.template,
-            positions_only=ways.positions_only,
-            erode=ways.erode,
-            pinned=None if given.pins is None else given.pins.indices,
-            body_faces=None if given.body is None else given.body.faces,
-            inner_faces=None if given.inner is None else given.inner.faces,
-            config=ways.config,
+            ways.config,
+            reading=MapReading(template=given.template, positions_only=ways.positions_only, erode=ways.erode),
             device=device,
             history=history,
             progress=progress,
@@ -155,40 +156,54 @@ class _Stream:
         self._pins = None if given.pins is None else given.pins.over(maps.n_frames)
         self._under_way: deque[_Part] = deque()
 
-    def parts(self, count: int) -> Iterator[tuple[MapFile, MapSurroundings]]:
+    def parts(self, count: int) -> Iterator[tuple[MapFile, FusionInputs]]:
         """All frames, from the first on whenever this is called."""
         self._under_way.clear()
-        given, done = self._given, 0
-        moving = {name: getattr(given, name) for name in ("initial", "body", "inner")}
+        given, first = self._given, 0
         streams = [
-            itertools.repeat(None) if surface is None else surface.parts(count) for surface in moving.values()
+            itertools.repeat(None) if moving is None else moving.parts(count)
+            for moving in (given.initial, given.body, given.inner)
         ]
-        for maps, *moved in zip(self._maps.parts(count), *streams, strict=False):
+        for maps, initial, body, inner in zip(self._maps.parts(count), *streams, strict=False):
             frames = RootFrames(maps.rotation, maps.translation)
-            found = dict(zip(moving, moved, strict=True))
-            for name, part in found.items():
-                if part is not None:
-                    check_finite(part.vertices, f"--{name}", first=done)
-            canonical = {
-                name: None if part is None else frames.to_canonical(part.vertices)
-                for name, part in found.items()
-            }
-            pins = None if self._pins is None else self._pins[done : done + maps.n_frames]
-            done += maps.n_frames
-            self._under_way.append(_Part(frames, found["body"]))
+            self._under_way.append(_Part(frames, body))
             yield (
                 maps,
-                MapSurroundings(
-                    initial=canonical["initial"],
-                    body_vertices=canonical["body"],
-                    inner_vertices=canonical["inner"],
-                    pinned_positions=None if pins is None else frames.to_canonical(pins),
+                FusionInputs(
+                    initial=None if initial is None else _canonical(initial, frames, "--initial", first),
+                    body=_surface(given.body, body, frames, "--body", first),
+                    inner=_surface(given.inner, inner, frames, "--inner", first),
+                    pins=self._pinned(frames, first, maps.n_frames),
                 ),
             )
+            first += maps.n_frames
+
+    def _pinned(self, frames: RootFrames, first: int, count: int) -> PinnedVertices | None:
+        """The pins of `count` frames from number `first` on."""
+        if self._given.pins is None:
+            return None
+        positions = None if self._pins is None else self._pins[first : first + count]
+        return PinnedVertices(
+            self._given.pins.indices, None if positions is None else frames.to_canonical(positions)
+        )
 
     def taken(self) -> _Part:
         """What belongs to the frames that are fused next."""
         return self._under_way.popleft()
+
+
+def _canonical(moved: Moved, frames: RootFrames, option: str, first: int) -> np.ndarray:
+    """Vertices (T, B, 3) in the frames of the maps; InputError, which names the frame, where they are not finite."""
+    check_finite(moved.vertices, option, first=first)
+    return frames.to_canonical(moved.vertices)
+
+
+def _surface(
+    moving: Moving | None, moved: Moved | None, frames: RootFrames, option: str, first: int
+) -> MovingSurface | None:
+    if moving is None or moved is None:
+        return None
+    return MovingSurface(_canonical(moved, frames, option, first), moving.faces)
 
 
 def _with_look(template: Mesh, body: Moving | None) -> Mesh:

@@ -38,7 +38,7 @@ from scipy.ndimage import gaussian_filter
 # This folder's own fusion.py and render.py must not hide the packages.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from fusion import BodySdf, FusionConfig, FusionResult, fuse
+from fusion import BodySdf, DecodedMaps, FusionConfig, FusionInputs, FusionResult, MovingSurface, fuse
 from fusion.stages import edge_weights, normal_weights
 from render import Mesh, TemplateImager, vertex_normals
 from render.mesh.mesh import safe_normalize
@@ -74,15 +74,11 @@ class Scene:
 
     def fuse(self, config: FusionConfig, frames: int | None = None, device: str = "cpu") -> FusionResult:
         """The first `frames` frames, positions, normals and body."""
-        return fuse(
-            self.imager,
-            positions=self.positions[:frames],
-            normals=self.normals[:frames],
-            body_vertices=self.bodies[:frames],
-            body_faces=self.body.faces,
-            config=config,
-            device=device,
+        inputs = FusionInputs(
+            maps=DecodedMaps(self.positions[:frames], self.normals[:frames]),
+            body=MovingSurface(self.bodies[:frames], self.body.faces),
         )
+        return fuse(self.imager, inputs, config, device=device)
 
 
 def measure(quick: bool) -> Results:

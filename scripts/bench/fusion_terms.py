@@ -18,7 +18,6 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -27,7 +26,7 @@ from tabulate import tabulate
 # This folder's own fusion.py and render.py must not hide the packages.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from fusion import FusionConfig, fuse_maps
+from fusion import FusionConfig, FusionInputs, MapReading, MovingSurface, fuse_maps
 from imgtransfer.cli.options import clip_name
 from imgtransfer.config.loader import load_config
 from imgtransfer.data.canonical import RootFrames
@@ -57,11 +56,11 @@ COLUMNS = {
 def fused(maps: MapFile, truth: Clip, config: FusionConfig, told: Mapping[str, bool]) -> np.ndarray:
     """The garment in the world, (T, N, 3) metres."""
     frames = RootFrames(maps.rotation, maps.translation)
-    body: dict[str, Any] = {}
+    body = None
     if told.get("body"):
-        body = {"body_vertices": frames.to_canonical(truth.body_vertices), "body_faces": truth.body_faces}
-    only = told.get("positions_only", False)
-    return frames.to_world(fuse_maps(maps, positions_only=only, config=config, **body).vertices)
+        body = MovingSurface(frames.to_canonical(truth.body_vertices), truth.body_faces)
+    reading = MapReading(positions_only=told.get("positions_only", False))
+    return frames.to_world(fuse_maps(maps, FusionInputs(body=body), config, reading=reading).vertices)
 
 
 def with_true_normals(maps: MapFile, truth: Clip) -> MapFile:

@@ -51,7 +51,7 @@ OTHER_NPZ = (
         "fuse-pins",
         f"fuse --maps maps.npz --pins pins.npz --config fusion.yaml {_OUT}",
         "pins.npz",
-        named=("--pins", "fuse: pinned"),
+        named=("--pins", "fuse: pins"),
     ),
     Reading(
         "fuse-predictions", "fuse p --config fusion.yaml", "p/clip/position_only.npz", writes=("p/clip",)
@@ -179,7 +179,7 @@ PINS = Reading(
     "fuse-pins",
     f"fuse --maps maps.npz --pins pins.txt --config fusion.yaml {_OUT}",
     "pins.txt",
-    named=("--pins", "fuse: pinned"),
+    named=("--pins", "fuse: pins"),
 )
 REPORTS = tuple(
     Reading(

@@ -9,7 +9,15 @@ from fusion import BodySdf, FusionConfig, Topology, clear_body, fuse
 from fusion.solvers.adam import AdamSolver, TangentDistance, minimise
 from fusion.stages import StageProblem
 from render import InputError
-from tests.helpers.fusion_examples import cylinder_body, imager_of, leaning, true_maps, tube, wrinkled
+from tests.helpers.fusion_examples import (
+    cylinder_body,
+    imager_of,
+    inputs_of,
+    leaning,
+    true_maps,
+    tube,
+    wrinkled,
+)
 
 FRAMES = 3
 
@@ -34,13 +42,12 @@ def scene():
         "truth": truth.numpy(),
         "positions": torch.from_numpy(blurred.astype(np.float32)),
         "normals": normals,
-        "body_vertices": bodies,
-        "body_faces": np.asarray(body.faces),
+        "body": (bodies, np.asarray(body.faces)),
     }
 
 
 def maps_and_body(scene, *names):
-    return {name: scene[name] for name in names or ("positions", "normals", "body_vertices", "body_faces")}
+    return {name: scene[name] for name in names or ("positions", "normals", "body")}
 
 
 def error_mm(vertices, scene):
@@ -54,8 +61,9 @@ def angle_degrees(vertices, scene):
 
 
 def fraction_inside(vertices, scene):
-    sdf = BodySdf(scene["body_faces"], scene["body_vertices"].shape[1])
-    sdf.update(scene["body_vertices"])
+    bodies, faces = scene["body"]
+    sdf = BodySdf(faces, bodies.shape[1])
+    sdf.update(bodies)
     return (sdf.distance(torch.as_tensor(vertices)) < 0).float().mean().item()
 
 
@@ -66,8 +74,8 @@ ENOUGH = {"normal_iterations": 48, "normal_tolerance": 0.005}
 @pytest.mark.parametrize("solver", ["adam", "local_global"])
 def test_each_stage_comes_nearer_to_the_truth(scene, solver):
     config = FusionConfig(solver=solver, **ENOUGH)
-    edges = fuse(scene["imager"], positions=scene["positions"], config=config)
-    full = fuse(scene["imager"], **maps_and_body(scene), config=config)
+    edges = fuse(scene["imager"], inputs_of(positions=scene["positions"]), config)
+    full = fuse(scene["imager"], inputs_of(**maps_and_body(scene)), config)
     assert error_mm(edges.vertices, scene) < 0.9 * error_mm(edges.initial, scene)
     assert error_mm(full.vertices, scene) < 0.9 * error_mm(edges.vertices, scene)
     # adam: 2.5 against 4.8 degrees; the paper's edge weight keeps the normals from being met exactly.
@@ -76,14 +84,14 @@ def test_each_stage_comes_nearer_to_the_truth(scene, solver):
 
 @pytest.mark.parametrize("solver", ["adam", "local_global"])
 def test_exact_normals_are_met_when_the_edge_term_is_soft(scene, solver):
-    edges = fuse(scene["imager"], positions=scene["positions"], config=FusionConfig(solver=solver))
+    edges = fuse(scene["imager"], inputs_of(positions=scene["positions"]), FusionConfig(solver=solver))
     soft = FusionConfig(solver=solver, weight_edge=10, normal_iterations=100, normal_tolerance=0.0)
-    full = fuse(scene["imager"], positions=scene["positions"], normals=scene["normals"], config=soft)
+    full = fuse(scene["imager"], inputs_of(**maps_and_body(scene, "positions", "normals")), soft)
     assert angle_degrees(full.vertices, scene) < 0.25 * angle_degrees(edges.vertices, scene)
 
 
 def test_result_is_float32_and_the_report_tells_every_stage(scene):
-    result = fuse(scene["imager"], **maps_and_body(scene), config=FusionConfig(**ENOUGH))
+    result = fuse(scene["imager"], inputs_of(**maps_and_body(scene)), FusionConfig(**ENOUGH))
     assert result.vertices.shape == result.initial.shape == scene["truth"].shape
     assert result.vertices.dtype == result.initial.dtype == np.float32
     terms = result.report["terms"]
@@ -104,9 +112,9 @@ def test_result_is_float32_and_the_report_tells_every_stage(scene):
 
 
 def test_batches_of_frames_equal_single_frames(scene):
-    inputs = maps_and_body(scene)
-    together = fuse(scene["imager"], **inputs, config=FusionConfig(batch_frames=FRAMES))
-    alone = fuse(scene["imager"], **inputs, config=FusionConfig(batch_frames=1))
+    inputs = inputs_of(**maps_and_body(scene))
+    together = fuse(scene["imager"], inputs, FusionConfig(batch_frames=FRAMES))
+    alone = fuse(scene["imager"], inputs, FusionConfig(batch_frames=1))
     # Rounding differs with the width of the products; over 200 steps Adam carries it up to micrometres.
     np.testing.assert_allclose(together.vertices, alone.vertices, atol=1e-4)
 
@@ -126,7 +134,7 @@ def test_batched_gradient_steps_are_those_of_single_frames_in_float64():
 
 
 def test_two_runs_are_equal(scene):
-    first, second = (fuse(scene["imager"], **maps_and_body(scene)).vertices for _ in range(2))
+    first, second = (fuse(scene["imager"], inputs_of(**maps_and_body(scene))).vertices for _ in range(2))
     np.testing.assert_array_equal(first, second)
 
 
@@ -155,15 +163,15 @@ def test_minimise_finds_a_known_minimum_and_reports_both_ends():
 
 
 def test_positions_alone_stop_after_the_edge_stage(scene):
-    result = fuse(scene["imager"], **maps_and_body(scene, "positions"))
+    result = fuse(scene["imager"], inputs_of(**maps_and_body(scene, "positions")))
     assert set(result.report["terms"]) == {"edge"}
     assert "penetration_percent" not in result.report
 
 
 def test_normals_refine_given_vertices_without_position_maps(scene):
-    start = fuse(scene["imager"], positions=scene["positions"]).vertices
+    start = fuse(scene["imager"], inputs_of(positions=scene["positions"])).vertices
     config = FusionConfig(**ENOUGH)
-    result = fuse(scene["imager"], normals=scene["normals"], initial=start, config=config)
+    result = fuse(scene["imager"], inputs_of(normals=scene["normals"], initial=start), config)
     np.testing.assert_array_equal(result.initial, start)
     assert set(result.report["terms"]) == {"normal"}
     assert angle_degrees(result.vertices, scene) < 0.6 * angle_degrees(start, scene)  # as above
@@ -171,14 +179,14 @@ def test_normals_refine_given_vertices_without_position_maps(scene):
 
 def test_no_steps_return_the_initial_vertices(scene):
     config = FusionConfig(edge_iterations=0, normal_iterations=0, clearance_rounds=0)
-    result = fuse(scene["imager"], **maps_and_body(scene), config=config)
+    result = fuse(scene["imager"], inputs_of(**maps_and_body(scene)), config)
     np.testing.assert_array_equal(result.vertices, result.initial)
     assert result.report["terms"] == {}
 
 
 def test_nothing_stays_in_the_body_even_if_maps_put_it_there(scene):
     sunk = scene["positions"] * torch.tensor([0.85, 1.0, 0.85])  # 22 mm towards the axis, 2.5 mm inside
-    result = fuse(scene["imager"], positions=sunk, **maps_and_body(scene, "body_vertices", "body_faces"))
+    result = fuse(scene["imager"], inputs_of(positions=sunk, body=scene["body"]))
     assert fraction_inside(result.initial, scene) > 0.5
     assert fraction_inside(result.vertices, scene) == 0
 
@@ -222,28 +230,29 @@ def test_distance_between_queries_is_exact_at_queries_and_close_between():
 
 
 def test_asking_for_the_distance_at_every_step_changes_little(scene):
-    inputs = maps_and_body(scene)
-    seldom = fuse(scene["imager"], **inputs)
-    always = fuse(scene["imager"], **inputs, config=FusionConfig(sdf_every_steps=1))
+    inputs = inputs_of(**maps_and_body(scene))
+    seldom = fuse(scene["imager"], inputs)
+    always = fuse(scene["imager"], inputs, FusionConfig(sdf_every_steps=1))
     assert error_mm(seldom.vertices, scene) == pytest.approx(error_mm(always.vertices, scene), rel=0.02)
 
 
 def test_background_is_ignored(scene):
     inputs = maps_and_body(scene, "positions", "normals")
     config = FusionConfig(edge_iterations=3, normal_iterations=3)
-    want = fuse(scene["imager"], **inputs, config=config).vertices
+    want = fuse(scene["imager"], inputs_of(**inputs), config).vertices
     outside = ~scene["imager"].mask[..., None]
     spoilt = {name: torch.where(outside, torch.nan, maps) for name, maps in inputs.items()}
-    np.testing.assert_array_equal(fuse(scene["imager"], **spoilt, config=config).vertices, want)
+    np.testing.assert_array_equal(fuse(scene["imager"], inputs_of(**spoilt), config).vertices, want)
 
 
 def test_numpy_and_tensors_give_the_same_and_progress_counts_frames(scene):
     config = FusionConfig(edge_iterations=3, normal_iterations=3, batch_frames=2)
     inputs = maps_and_body(scene)
     counts: list[int] = []
-    arrays = {name: np.asarray(value) for name, value in inputs.items()}
-    found = fuse(scene["imager"], **arrays, config=config, progress=counts.append).vertices
-    np.testing.assert_array_equal(found, fuse(scene["imager"], **inputs, config=config).vertices)
+    maps = {name: np.asarray(inputs[name]) for name in ("positions", "normals")}
+    arrays = inputs_of(**maps, body=inputs["body"])
+    found = fuse(scene["imager"], arrays, config, progress=counts.append).vertices
+    np.testing.assert_array_equal(found, fuse(scene["imager"], inputs_of(**inputs), config).vertices)
     assert sum(counts) == 3
     assert max(counts) <= 2  # fewer at once where they are shared out over threads
 
@@ -251,23 +260,23 @@ def test_numpy_and_tensors_give_the_same_and_progress_counts_frames(scene):
 def test_wrong_input_is_named(scene):
     imager, good = scene["imager"], maps_and_body(scene)
     with pytest.raises(InputError, match="position maps or initial vertices"):
-        fuse(imager, normals=good["normals"])
+        fuse(imager, inputs_of(normals=good["normals"]))
     with pytest.raises(InputError, match="not both"):
-        fuse(imager, positions=good["positions"], initial=scene["truth"])
-    with pytest.raises(InputError, match="belong together"):
-        fuse(imager, positions=good["positions"], body_faces=good["body_faces"])
+        fuse(imager, inputs_of(positions=good["positions"], initial=scene["truth"]))
+    with pytest.raises(InputError, match="vertices must be an array of numbers, found NoneType"):
+        inputs_of(positions=good["positions"], body=(None, good["body"][1]))
     with pytest.raises(
         InputError, match=r"normals must have shape \(3, 2, 96, 96, 3\), found \(2, 2, 96, 96, 3\)"
     ):
-        fuse(imager, positions=good["positions"], normals=good["normals"][:2])
-    with pytest.raises(InputError, match="body_vertices must have shape"):
-        fuse(imager, **{**good, "body_vertices": good["body_vertices"][:1]})
+        fuse(imager, inputs_of(positions=good["positions"], normals=good["normals"][:2]))
+    with pytest.raises(InputError, match=r"body\.vertices must have shape"):
+        fuse(imager, inputs_of(**good | {"body": (good["body"][0][:1], good["body"][1])}))
     with pytest.raises(InputError, match="no frames"):
-        fuse(imager, positions=good["positions"][:0])
+        fuse(imager, inputs_of(positions=good["positions"][:0]))
     bad = good["positions"].clone()
     bad[1, 0, 48, 48] = torch.inf
     assert imager.mask[0, 48, 48]
     with pytest.raises(
         InputError, match=r"positions has 1 values that are not finite .*, the first at \[1, 0, 48, 48\]"
     ):
-        fuse(imager, positions=bad)
+        fuse(imager, inputs_of(positions=bad))

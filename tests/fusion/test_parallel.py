@@ -11,7 +11,7 @@ import torch
 from fusion import BodySdf, fuse, parallel
 from fusion.parallel import n_threads, one_torch_thread, run_all
 from fusion.solvers import energy_kernels
-from tests.helpers.fusion_examples import cylinder_body, imager_of, true_maps, tube, wrinkled
+from tests.helpers.fusion_examples import cylinder_body, imager_of, inputs_of, true_maps, tube, wrinkled
 
 
 @pytest.fixture(params=[2, 3])
@@ -24,7 +24,7 @@ def threads(request, monkeypatch):
 
 def fused(count, **inputs):
     token = parallel._threads.set(count)
-    result = fuse(imager_of(tube()), **inputs, history=True)
+    result = fuse(imager_of(tube()), inputs_of(**inputs), history=True)
     parallel._threads.reset(token)
     return result
 
@@ -59,7 +59,7 @@ def test_each_frame_meets_its_own_body_on_every_thread(threads):
     positions, _ = true_maps(imager_of(tube()), wrinkled(tube(), 5))
     body = cylinder_body(radius=0.16)
     moved = np.stack([body.vertices + np.array([0.01 * k, 0, 0]) for k in range(5)])
-    inputs = {"positions": positions, "body_vertices": moved, "body_faces": body.faces}
+    inputs = {"positions": positions, "body": (moved, body.faces)}
     found, want = (fused(count, **inputs) for count in (threads, 1))
     np.testing.assert_array_equal(found.vertices, want.vertices)
     assert found.report["penetration_percent"]["after"] == 0
@@ -73,7 +73,7 @@ def test_a_fusion_that_fails_on_a_thread_fails_here(monkeypatch):
     imager = imager_of(tube())
     token = parallel._threads.set(2)
     with pytest.raises(RuntimeError, match="of one batch"):
-        fuse(imager, positions=true_maps(imager, wrinkled(tube(), 4))[0])
+        fuse(imager, inputs_of(positions=true_maps(imager, wrinkled(tube(), 4))[0]))
     parallel._threads.reset(token)
 
 

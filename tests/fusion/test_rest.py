@@ -18,7 +18,7 @@ from render import (
     load_maps,
     save_maps,
 )
-from tests.helpers.fusion_examples import cylinder_body, imager_of, leaning, true_maps, tube
+from tests.helpers.fusion_examples import cylinder_body, imager_of, inputs_of, leaning, true_maps, tube
 
 SIDE, LONGER = 0.1, 1.1
 SOLVERS = ("local_global", "adam")
@@ -45,7 +45,8 @@ def fused(imager, solver, rest, *, normals: bool) -> FusionResult:
         normal_steps=20,
         learning_rate_m=1e-4,
     )
-    return fuse(imager, positions=positions, normals=facing if normals else None, rest=rest, config=config)
+    inputs = inputs_of(positions=positions, normals=facing if normals else None, rest=rest)
+    return fuse(imager, inputs, config)
 
 
 @pytest.mark.parametrize("normals", [False, True])
@@ -85,12 +86,13 @@ def test_another_shape_comes_out_of_exact_maps_with_its_rest(wide_tube):
     arguments = {
         "positions": positions,
         "normals": normals,
-        "body_vertices": leaning(body.vertices, 2),
-        "body_faces": np.asarray(body.faces),
+        "body": (leaning(body.vertices, 2), body.faces),
     }
     off = [
         1000
-        * np.linalg.norm(fuse(imager, rest=rest, **arguments).vertices - leaning(wide, 2), axis=-1).mean()
+        * np.linalg.norm(
+            fuse(imager, inputs_of(rest=rest, **arguments)).vertices - leaning(wide, 2), axis=-1
+        ).mean()
         for rest in (wide, None)
     ]
     assert off[0] < 1
@@ -116,7 +118,8 @@ def test_a_map_file_brings_its_rest_along(wide_tube, tmp_path, name):
     read = load_maps(tmp_path / name)
     np.testing.assert_array_equal(read.rest.vertices, wide)
     found = fuse_maps(read)
-    given = fuse(imager, positions=box.decode(maps.position), normals=2 * maps.normal - 1, rest=wide)
+    decoded = {"positions": box.decode(maps.position), "normals": 2 * maps.normal - 1}
+    given = fuse(imager, inputs_of(**decoded, rest=wide))
     np.testing.assert_allclose(found.vertices, given.vertices, atol=1e-4)  # the maps' encoding rounds
     without = fuse_maps(dataclasses.replace(read, rest_vertices=None))
     assert np.abs(without.vertices - found.vertices).max() > 0.002
@@ -133,5 +136,5 @@ def test_a_map_file_brings_its_rest_along(wide_tube, tmp_path, name):
 def test_a_rest_that_does_not_fit_is_one_line(wide_tube, spoil, message):
     imager, wide, (positions, _) = wide_tube
     with pytest.raises(InputError, match=message) as error:
-        fuse(imager, positions=positions, rest=spoil(wide))
+        fuse(imager, inputs_of(positions=positions, rest=spoil(wide)))
     assert "\n" not in str(error.value)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from fusion import FusionConfig, fuse_maps, parallel
-from fusion.map_files import MapSurroundings, fuse_map_parts
+from fusion import FusionConfig, FusionInputs, fuse_map_parts, fuse_maps, parallel
 from fusion.report import _StageSums
 from fusion.stages import SolverResult
 from imgtransfer.data.canonical import RootFrames
@@ -15,7 +14,7 @@ from imgtransfer.data.clip import load_clip, written_clip
 from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions, fuse_into
 from imgtransfer.pipeline.moving import open_moving
 from render import InputError, load_maps, open_maps, written_maps
-from tests.helpers.fusion_examples import write_example
+from tests.helpers.fusion_examples import inputs_of, write_example
 
 ORDER = (0, 1, 1, 0, 1)  # of the example's two frames
 QUICK = {"edge_iterations": 3, "normal_iterations": 3}
@@ -46,12 +45,7 @@ def test_files_give_what_arrays_give(folder, tmp_path, threads, batch):
     config = FusionConfig(**QUICK, batch_frames=batch)
     maps, clip = load_maps(folder / "long.npz"), load_clip(folder / "longer.npz")
     frames = RootFrames(maps.rotation, maps.translation)
-    want = fuse_maps(
-        maps,
-        config=config,
-        body_vertices=frames.to_canonical(clip.body_vertices),
-        body_faces=clip.body_faces,
-    )
+    want = fuse_maps(maps, inputs_of(body=(frames.to_canonical(clip.body_vertices), clip.body_faces)), config)
     given = FuseInputs(body=open_moving(folder / "longer.npz", "body"))
     done = []
     report = fuse_into(
@@ -79,10 +73,10 @@ def test_no_more_batches_are_fetched_than_keep_the_threads_busy(folder, threads)
         for part in maps.parts(size):
             under_way.append(part.n_frames)
             assert sum(under_way) <= threads + 1
-            yield part, MapSurroundings()
+            yield part, FusionInputs()
 
     config = FusionConfig(**QUICK, batch_frames=1)
-    fuse_map_parts(maps, parts, lambda piece: under_way.pop(), config=config)
+    fuse_map_parts(maps, parts, lambda batch: under_way.pop(), config)
     assert not under_way
 
 

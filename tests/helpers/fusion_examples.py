@@ -8,6 +8,8 @@ import trimesh
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from fusion import DecodedMaps, FusionInputs, MovingSurface, PinnedVertices
+from fusion.inputs import Array
 from imgtransfer.data.clip import Clip, save_clip
 from render import (
     MapFile,
@@ -75,6 +77,28 @@ def imager_of(mesh: Mesh, size: tuple[int, int] = (48, 40)) -> TemplateImager:
 def true_maps(imager: TemplateImager, vertices: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Positions in metres and unit-vertex normals, interpolated: (T, S, H, W, 3) each."""
     return imager.operator(vertices), imager.operator(vertex_normals(vertices, imager.faces))
+
+
+def inputs_of(
+    *,
+    positions: Array | None = None,
+    normals: Array | None = None,
+    confidence: Array | None = None,
+    initial: Array | None = None,
+    rest: Array | None = None,
+    body: tuple[Array, Array] | None = None,
+    inner: tuple[Array, Array] | None = None,
+    pins: tuple[Array, Array | None] | None = None,
+) -> FusionInputs:
+    """What `fuse` takes, of arrays: of a body and an inner garment (vertices, faces), of pins (indices, positions)."""
+    return FusionInputs(
+        maps=DecodedMaps(positions, normals, confidence),
+        body=None if body is None else MovingSurface(*body),
+        inner=None if inner is None else MovingSurface(*inner),
+        pins=None if pins is None else PinnedVertices(*pins),
+        initial=initial,
+        rest=rest,
+    )
 
 
 def write_example(folder: Path, frames: int) -> Clip:

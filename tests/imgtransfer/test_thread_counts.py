@@ -28,6 +28,7 @@ from imgtransfer.running import Outcome, Serial
 from imgtransfer.simulation.run import simulate_clip
 from imgtransfer.training.trainer import Trainer
 from render import Mesh, TemplateImager
+from tests.helpers.fusion_examples import inputs_of
 from tests.helpers.models import model_for
 from tests.helpers.simulations import short
 from tests.helpers.synthetic import tube_clip
@@ -90,11 +91,7 @@ def fused() -> list[np.ndarray]:
     imager = TemplateImager.build(Mesh(clip.template_vertices, clip.garment_faces), size=(48, 32))
     positions, normals = metric_maps(imager, torch.from_numpy(clip.garment_vertices))
     found = fuse(
-        imager,
-        positions=positions,
-        normals=normals,
-        body_vertices=clip.body_vertices,
-        body_faces=clip.body_faces,
+        imager, inputs_of(positions=positions, normals=normals, body=(clip.body_vertices, clip.body_faces))
     )
     return [found.initial, found.vertices]
 

@@ -7,7 +7,16 @@ import trimesh
 
 from fusion import BodySdf, FusionConfig, OuterSurface, Topology, clear_body, fuse, lift_clear
 from render import Mesh
-from tests.helpers.fusion_examples import AROUND, cylinder_body, imager_of, leaning, true_maps, tube, wrinkled
+from tests.helpers.fusion_examples import (
+    AROUND,
+    cylinder_body,
+    imager_of,
+    inputs_of,
+    leaning,
+    true_maps,
+    tube,
+    wrinkled,
+)
 
 CLEARANCE = 1e-3
 MESH = tube()
@@ -211,13 +220,10 @@ def test_after_fusing_a_prediction_deep_inside_nothing_is_in_the_body_or_the_gar
     config = FusionConfig(solver=solver, inner_margin_m=0.002, edge_steps=20, normal_steps=20)
     found = fuse(
         imager,
-        positions=positions,
-        normals=normals,
-        body_vertices=bodies,
-        body_faces=body.faces,
-        inner_vertices=inners,
-        inner_faces=inner.faces,
-        config=config,
+        inputs_of(
+            positions=positions, normals=normals, body=(bodies, body.faces), inner=(inners, inner.faces)
+        ),
+        config,
     )
     vertices = torch.from_numpy(found.vertices)
     sdf = BodySdf(body.faces, len(body.vertices))

@@ -18,7 +18,15 @@ from fusion.stages import StageProblem, edge_weights, normal_weights, total
 from render import InputError, Mesh, TemplateImager
 from render.mesh.factor import Factor
 from render.mesh.mesh import safe_normalize
-from tests.helpers.fusion_examples import cylinder_body, imager_of, leaning, true_maps, tube, wrinkled
+from tests.helpers.fusion_examples import (
+    cylinder_body,
+    imager_of,
+    inputs_of,
+    leaning,
+    true_maps,
+    tube,
+    wrinkled,
+)
 
 SOLVERS = ["local_global", "adam"]
 CPU = torch.device("cpu")
@@ -42,8 +50,7 @@ def scene():
         "inputs": {
             "positions": torch.from_numpy(blurred.astype(np.float32)),
             "normals": normals,
-            "body_vertices": leaning(np.asarray(body.vertices), 3),
-            "body_faces": np.asarray(body.faces),
+            "body": (leaning(np.asarray(body.vertices), 3), np.asarray(body.faces)),
         },
     }
 
@@ -52,7 +59,7 @@ def solved(scene, config=None, **changed):
     """`fuse` of the scene, some inputs changed."""
     options = {} if isinstance(config, FusionConfig) else config or {}
     config = config if isinstance(config, FusionConfig) else FusionConfig(**options)
-    return fuse(scene["imager"], **(scene["inputs"] | changed), config=config)
+    return fuse(scene["imager"], inputs_of(**(scene["inputs"] | changed)), config)
 
 
 def error_mm(vertices, scene, chosen=slice(None)):
@@ -194,7 +201,8 @@ def test_a_turned_scene_gives_the_turned_garment(scene):
     """Adam would not: it scales every coordinate by itself."""
     turn = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix().astype(np.float32)
     inputs = scene["inputs"]
-    turned = {name: np.asarray(inputs[name]) @ turn.T for name in ("positions", "normals", "body_vertices")}
+    turned = {name: np.asarray(inputs[name]) @ turn.T for name in ("positions", "normals")}
+    turned["body"] = (inputs["body"][0] @ turn.T, inputs["body"][1])
     want = solved(scene).vertices @ turn.T
     apart = np.linalg.norm(solved(scene, **turned).vertices - want, axis=-1)
     # Rounding is carried on; where a vertex may go two ways round the body it may take the other one.
@@ -207,12 +215,12 @@ def test_pinned_vertices_stay_exactly_where_they_are_wanted(scene, solver):
     pinned = np.array([3, 40, 41, 100])
     wanted = scene["truth"][:, pinned] * np.array([0.9, 1.0, 0.9], np.float32)  # some 13 mm towards the body
     config = FusionConfig(solver=solver, clearance_m=0.02)
-    result = solved(scene, config, pinned=pinned, pinned_positions=wanted)
+    result = solved(scene, config, pins=(pinned, wanted))
     np.testing.assert_array_equal(result.vertices[:, pinned], wanted)
     np.testing.assert_array_equal(result.initial[:, pinned], wanted)
     free = solved(scene, config)
     assert not np.array_equal(free.vertices[:, pinned], wanted)
-    kept = solved(scene, config, pinned=pinned)
+    kept = solved(scene, config, pins=(pinned, None))
     np.testing.assert_array_equal(kept.vertices[:, pinned], kept.initial[:, pinned])
     # Their neighbours follow.
     edges = scene["imager"].mesh.edges
@@ -222,7 +230,7 @@ def test_pinned_vertices_stay_exactly_where_they_are_wanted(scene, solver):
 
 def test_everything_pinned_is_returned_as_given(scene):
     pinned = np.arange(scene["truth"].shape[1])
-    result = solved(scene, pinned=pinned, pinned_positions=scene["truth"])
+    result = solved(scene, pins=(pinned, scene["truth"]))
     np.testing.assert_array_equal(result.vertices, scene["truth"])
 
 
@@ -267,7 +275,7 @@ def test_a_view_of_less_confidence_counts_less_where_two_views_see_a_vertex(scen
     def read(trust):
         confidence[:, 1] = trust
         config = FusionConfig(edge_iterations=0)
-        return fuse(imager, positions=maps, confidence=confidence, config=config).vertices[0, both, 0]
+        return fuse(imager, inputs_of(positions=maps, confidence=confidence), config).vertices[0, both, 0]
 
     much, little = read(2.0), read(0.1)
     # Weights w and 1 - w at equal confidence: w c / (w c + 1 - w) at c.
@@ -282,9 +290,7 @@ def test_less_confident_positions_hold_vertices_less(scene):
     moved = []
     for trust in (0.999, 0.05):
         confidence[:] = trust
-        result = solved(
-            scene, config, normals=None, body_vertices=None, body_faces=None, confidence=confidence
-        )
+        result = solved(scene, config, normals=None, body=None, confidence=confidence)
         moved.append(np.linalg.norm(result.vertices - result.initial, axis=-1).mean())
     assert moved[1] > 1.1 * moved[0]
 
@@ -307,7 +313,7 @@ def test_the_temporal_term_calms_a_clip_whatever_the_batch(scene, solver):
     for weight in (0.0, 0.1):
         for batch in (1, 4):
             config = FusionConfig(solver=solver, weight_temporal=weight, batch_frames=batch)
-            found[weight, batch] = fuse(scene["imager"], positions=positions, config=config)
+            found[weight, batch] = fuse(scene["imager"], inputs_of(positions=positions), config)
     assert jumps(found[0.1, 4].vertices) < 0.3 * jumps(found[0.0, 4].vertices)
     np.testing.assert_array_equal(found[0.1, 1].vertices, found[0.1, 4].vertices)
     terms = found[0.1, 1].report["terms"]["edge"]
@@ -327,11 +333,11 @@ def test_a_warm_start_begins_where_the_frame_before_ended(scene, solver):
         "normal_steps": 8,
         "batch_frames": 1,
     }
+    bodies, faces = scene["inputs"]["body"]
     same = {
-        name: np.repeat(np.asarray(values)[:1], 3, axis=0)
-        for name, values in scene["inputs"].items()
-        if name != "body_faces"
+        name: np.repeat(np.asarray(scene["inputs"][name])[:1], 3, axis=0) for name in ("positions", "normals")
     }
+    same["body"] = (np.repeat(bodies[:1], 3, axis=0), faces)
     config = FusionConfig(solver=solver, **few)
     cold, warm = (
         solved(scene, config.model_copy(update={"warm_start": on}), **same).vertices for on in (False, True)
@@ -356,10 +362,12 @@ def test_a_frame_that_is_finished_stops_and_the_others_go_on(scene):
     inputs = scene["inputs"]["positions"].clone()
     inputs[1] = true_maps(scene["imager"], torch.from_numpy(scene["truth"]))[0][1]
     found = {
-        batch: fuse(scene["imager"], positions=inputs, config=FusionConfig(batch_frames=batch))
+        batch: fuse(scene["imager"], inputs_of(positions=inputs), FusionConfig(batch_frames=batch))
         for batch in (1, 3)
     }
-    alone = [fuse(scene["imager"], positions=inputs[[k]]).report["iterations"]["edge"] for k in range(3)]
+    alone = [
+        fuse(scene["imager"], inputs_of(positions=inputs[[k]])).report["iterations"]["edge"] for k in range(3)
+    ]
     assert alone[1] != alone[0]
     assert found[3].report["iterations"]["edge"] == pytest.approx(np.mean(alone))
     np.testing.assert_allclose(found[3].vertices, found[1].vertices, atol=1e-5)
@@ -369,7 +377,7 @@ def test_history_holds_every_iteration_of_every_term(scene):
     numbers = {"edge_iterations": 7, "edge_tolerance": 0.0, "normal_iterations": 8, "normal_tolerance": 0.0}
     for solver, counts in (("local_global", (7, 8)), ("adam", (5, 6))):
         config = FusionConfig(solver=solver, edge_steps=5, normal_steps=6, **numbers)
-        result = fuse(scene["imager"], **scene["inputs"], config=config, history=True)
+        result = fuse(scene["imager"], inputs_of(**scene["inputs"]), config, history=True)
         report = result.report
         assert report["solver"] == solver
         for stage, count in zip(("edge", "normal"), counts, strict=True):
@@ -388,8 +396,9 @@ def test_history_holds_every_iteration_of_every_term(scene):
 def test_the_collision_term_is_of_the_vertices_that_are_returned(scene, solver):
     sunk = scene["inputs"]["positions"] * torch.tensor([0.85, 1.0, 0.85])
     result = solved(scene, {"solver": solver, "clearance_rounds": 0}, positions=sunk)
-    sdf = BodySdf(scene["inputs"]["body_faces"], scene["inputs"]["body_vertices"].shape[1])
-    sdf.update(scene["inputs"]["body_vertices"])
+    bodies, faces = scene["inputs"]["body"]
+    sdf = BodySdf(faces, bodies.shape[1])
+    sdf.update(bodies)
     depth = (-sdf.query(torch.from_numpy(result.vertices)).distance).clamp(min=0).mean()
     assert result.report["terms"]["normal"]["end"]["collision_m"] == pytest.approx(depth.item(), abs=1e-7)
     assert result.report["terms"]["normal"]["start"]["collision_m"] > 1e-4
@@ -417,11 +426,8 @@ def test_an_odd_mesh_is_fused_all_the_same(solver):
     body = cylinder_body()
     result = fuse(
         imager,
-        positions=positions,
-        normals=normals,
-        body_vertices=np.asarray(body.vertices)[None],
-        body_faces=np.asarray(body.faces),
-        config=FusionConfig(solver=solver, edge_steps=20, normal_steps=20),
+        inputs_of(positions=positions, normals=normals, body=(np.asarray(body.vertices)[None], body.faces)),
+        FusionConfig(solver=solver, edge_steps=20, normal_steps=20),
     )
     assert np.isfinite(result.vertices).all()
     whole = len(tube().vertices)
@@ -436,7 +442,7 @@ def test_a_single_triangle_is_fused(solver):
     truth = torch.from_numpy(mesh.vertices).float()[None] + 0.1
     positions, normals = true_maps(imager, truth)
     config = FusionConfig(solver=solver, edge_steps=20, normal_steps=20)
-    found = fuse(imager, positions=positions, normals=normals, config=config).vertices
+    found = fuse(imager, inputs_of(positions=positions, normals=normals), config).vertices
     # Corners lie on the outline, half a pixel beyond the last pixel's centre: 4 mm.
     np.testing.assert_allclose(found, truth, atol=6e-3)
 
@@ -455,9 +461,9 @@ def test_a_garment_beneath_is_kept_out_of(scene):
     inner = leaning(mesh.vertices * np.array([0.99, 1.0, 0.99]), 3)
     sunk = scene["inputs"]["positions"] * torch.tensor([0.97, 1.0, 0.97])
     inputs = {"positions": sunk, "normals": scene["inputs"]["normals"]}
-    result = fuse(scene["imager"], **inputs, inner_vertices=inner, inner_faces=mesh.faces)
+    result = fuse(scene["imager"], inputs_of(**inputs, inner=(inner, mesh.faces)))
     assert result.report["penetration_percent"]["after"] == 0
-    without = fuse(scene["imager"], **inputs)
+    without = fuse(scene["imager"], inputs_of(**inputs))
     radius = np.linalg.norm(result.vertices - without.vertices, axis=-1)
     assert radius.max() > 0.002
 

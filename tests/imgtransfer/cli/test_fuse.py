@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from fusion.map_files import fuse_maps
+from fusion import fuse_maps
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import load_clip, save_clip
 from render import MapFile, load_maps, load_mesh
