@@ -17,7 +17,7 @@ from imgtransfer.importers.job import clip_name
 from imgtransfer.importers.mesh_files import find_body
 from imgtransfer.importers.part import Part
 from imgtransfer.running.fingerprint import files_fingerprint
-from imgtransfer.simulation.config import SequenceFiles
+from imgtransfer.simulation.motion_config import SequenceFiles
 from render import InputError, Mesh
 
 _SCALE = 1.5  # by which a body's edges may be longer or shorter than in its rest pose, in the middle
