@@ -11,15 +11,14 @@ import pytest
 import yaml
 from pydantic import BaseModel, TypeAdapter
 
-from imgtransfer.cli.config import COMMANDS, schema_of
 from imgtransfer.cli.main import build_parser
 from imgtransfer.config.field_words import kind_of, models_of
 from imgtransfer.config.loader import load_config
 from imgtransfer.garments.config import DressConfig, SkirtConfig, TemplateConfig, TrousersConfig, TShirtConfig
 from render import InputError
 from tests.helpers.paths import ROOT
+from tests.helpers.schemas import SCHEMAS, all_models
 
-SCHEMAS = {command: schema_of(command) for command in COMMANDS}
 PAGES = {
     str(path.relative_to(ROOT)): path.read_text()
     for path in [
@@ -29,13 +28,6 @@ PAGES = {
     ]
 }
 GARMENTS = (TShirtConfig, DressConfig, SkirtConfig, TrousersConfig, TemplateConfig)
-
-
-def all_models(schema: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    yield schema
-    for field in schema.model_fields.values():
-        for model in models_of(field.annotation):
-            yield from all_models(model)
 
 
 MODELS = {model for schema in SCHEMAS.values() for model in all_models(schema)}
