@@ -116,7 +116,7 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
         InputError: values that make no sense, or files that are not there.
     """
     from imgtransfer.garments.config import TemplateConfig  # noqa: PLC0415
-    from imgtransfer.simulation.config import SequenceFiles  # noqa: PLC0415
+    from imgtransfer.simulation.motion_config import SequenceFiles  # noqa: PLC0415
 
     _check_values(args)
     axes, of_garment = chosen_axes(args)

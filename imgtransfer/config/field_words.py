@@ -24,6 +24,16 @@ def models_of(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from models_of(part)
 
 
+def paths_to(name: str, schema: type[BaseModel], above: str = "") -> Iterator[str]:
+    """Where a schema has a key of this name, such as "training.steps"; keys of a list's items are left out."""
+    for key, field in schema.model_fields.items():
+        if key == name:
+            yield f"{above}{key}"
+        if get_origin(field.annotation) is not tuple:
+            for model in models_of(field.annotation):
+                yield from paths_to(name, model, f"{above}{key}.")
+
+
 def kind_of(model: type[BaseModel]) -> Any:
     """The value of `kind` that chooses a model among others; None for one that is no such choice."""
     field = model.model_fields.get("kind")

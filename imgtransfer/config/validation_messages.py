@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from imgtransfer.config.field_words import kind_of, models_of, number_words
+from imgtransfer.config.field_words import kind_of, models_of, number_words, paths_to
 
 _NUMBERS = ("float_type", "float_parsing", "int_type", "int_parsing", "int_from_float", "finite_number")
 _RANGES = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
@@ -43,7 +43,8 @@ def first_mistake(
     mistakes = sorted(error.errors(), key=lambda one: one["type"] == "missing")
     mistake = mistakes[0]
     keys, holder, value = _place(model, given, mistake["loc"])
-    text = _wrong(mistake, keys, holder, value)
+    unknown = mistake["type"] == "extra_forbidden"
+    text = _unknown(keys, holder, model) if unknown else _wrong(mistake, keys, holder, value)
     others = {_place(model, given, other["loc"])[0] for other in mistakes} - {keys}
     more = f" (and {len(others)} more)" if others else ""
     key = ".".join(str(part) for part in keys)
@@ -79,22 +80,43 @@ def _place(
     return tuple(keys), holder, given
 
 
+def _unknown(keys: tuple[int | str, ...], holder: type[BaseModel], model: type[BaseModel]) -> str:
+    """What to say of a key that its section does not have: a similar one, or where the configuration has it."""
+    section, name = _section(keys, holder), str(keys[-1])
+    names = sorted(set(holder.model_fields) - {"kind"})
+    here = ".".join(str(key) for key in keys)
+    elsewhere = [path for path in paths_to(name, model) if path != here]
+    meant = (get_close_matches(name, names, n=1) or elsewhere)[:1]
+    hint = f", did you mean {meant[0]}? There" if meant else "; there"
+    return f"no such setting{f' of {section}' if section else ''}{hint} are {', '.join(names)}"
+
+
+def _section(keys: tuple[int | str, ...], holder: type[BaseModel]) -> str:
+    """What to call the section that a key is in; nothing for the whole."""
+    return kind_of(holder) or next((str(key) for key in keys[-2::-1] if isinstance(key, str)), "")
+
+
 def _wrong(mistake: Any, keys: tuple[int | str, ...], holder: type[BaseModel], value: Any) -> str:
-    """What is wrong with a key, or with a choice between alternatives."""
+    """What is wrong with the value of a key, or with a choice between alternatives."""
     kind, context = mistake["type"], mistake.get("ctx", {})
-    section = kind_of(holder) or next((str(key) for key in keys[-2::-1] if isinstance(key, str)), "")
-    if kind == "extra_forbidden":
-        names = sorted(set(holder.model_fields) - {"kind"})
-        close = get_close_matches(str(keys[-1]), names, n=1)
-        hint = f", did you mean {close[0]}? There" if close else "; there"
-        return f"no such setting{f' of {section}' if section else ''}{hint} are {', '.join(names)}"
     if kind == "missing":
-        return f"missing; {section or 'the configuration'} needs it"
+        return f"missing; {_section(keys, holder) or 'the configuration'} needs it"
     if kind == "union_tag_invalid" and isinstance(value, Mapping):
         return f"no kind {value.get('kind')!r}; there are {context['expected_tags'].replace(chr(39), '')}"
     if kind == "value_error":
         return str(context["error"])
-    return f"{_wanted(mistake, holder.model_fields.get(str(keys[-1])) if keys else None)}, found {shortened(value)}"
+    return (
+        f"{_wanted(mistake, holder.model_fields.get(str(keys[-1])) if keys else None)}, found {_shown(value)}"
+    )
+
+
+def _shown(value: Any) -> str:
+    """A value as it stands in YAML, cut short."""
+    return (
+        {None: "null", True: "true", False: "false"}[value]
+        if value is None or isinstance(value, bool)
+        else shortened(value)
+    )
 
 
 def _wanted(mistake: Any, field: FieldInfo | None) -> str:

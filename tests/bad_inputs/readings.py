@@ -146,6 +146,7 @@ YAMLS = (
     Reading("train", f"train run.yaml {_OUT}", "run.yaml", needs=("set",), named=("set",)),
     Reading("simulate", f"simulate simulation.yaml {_NONE} out", "simulation.yaml", named=("none/none",)),
     Reading("fuse", f"fuse --maps maps.npz --config fusion.yaml {_OUT}", "fusion.yaml"),
+    Reading("config", "config simulate simulation.yaml", "simulation.yaml", writes=()),
 )
 MOTION = Reading(
     "simulate",

@@ -15,7 +15,7 @@ from imgtransfer.importers.job import clip_name
 from imgtransfer.importers.mesh_files import find_body
 from imgtransfer.importers.part import Part
 from imgtransfer.running.fingerprint import files_fingerprint
-from imgtransfer.simulation.config import SequenceFiles
+from imgtransfer.simulation.motion_config import SequenceFiles
 from render import InputError, Mesh
 from render.files.frame_files import frame_files
 from render.files.point_caches import SUFFIXES as CACHES

@@ -17,7 +17,8 @@ from imgtransfer.motions.files import load_motion
 from imgtransfer.motions.motion import Motion, arms_out
 from imgtransfer.simulation.body_motion.body_sequence import find_sequence
 from imgtransfer.simulation.body_motion.unskinned import needs_template
-from imgtransfer.simulation.config import SimulateConfig, Split
+from imgtransfer.simulation.config import SimulateConfig
+from imgtransfer.simulation.motion_config import Split
 from imgtransfer.simulation.planning.file_checks import check_files, steady
 from imgtransfer.simulation.planning.sources import sorted_sources
 from imgtransfer.simulation.planning.task import Task

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from imgtransfer.garments.config import garment_fingerprint
 from imgtransfer.motions.motion import Motion
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
-from imgtransfer.simulation.config import SimulateConfig, Split
+from imgtransfer.simulation.config import SimulateConfig
+from imgtransfer.simulation.motion_config import Split
 from imgtransfer.simulation.run import simulated_clip_name
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import pytest
@@ -11,23 +10,13 @@ import yaml
 from annotated_types import Unit
 from pydantic import BaseModel, Field
 
-from imgtransfer.cli.config import COMMANDS, schema_of
+from imgtransfer.cli.config import COMMANDS
 from imgtransfer.config.commented import commented_yaml
 from imgtransfer.config.field_words import depends_on, models_of, type_words, unit_of
 from imgtransfer.config.loader import load_config, parse_config, plain_values, to_yaml
 from imgtransfer.config.schema import DependsOn, Section
 from tests.helpers.paths import ROOT
-
-SCHEMAS = {command: schema_of(command) for command in COMMANDS}
-
-
-def all_models(schema: type[BaseModel]) -> Iterator[type[BaseModel]]:
-    """A schema, and every section that can stand in it."""
-    yield schema
-    for field in schema.model_fields.values():
-        for model in models_of(field.annotation):
-            yield from all_models(model)
-
+from tests.helpers.schemas import SCHEMAS, all_models
 
 MODELS = {model.__name__: model for schema in SCHEMAS.values() for model in all_models(schema)}
 FIELDS = [

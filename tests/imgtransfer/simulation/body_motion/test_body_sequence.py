@@ -19,7 +19,8 @@ from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.motions.library import make_motion
 from imgtransfer.simulation.body_motion.body_sequence import find_sequence, resampled
 from imgtransfer.simulation.body_motion.unskinned import MeshBodyMotion
-from imgtransfer.simulation.config import SequenceFiles, SimulateConfig, SolverConfig
+from imgtransfer.simulation.config import SimulateConfig, SolverConfig
+from imgtransfer.simulation.motion_config import SequenceFiles
 from imgtransfer.simulation.planning.plan import plan
 from imgtransfer.simulation.run import Rejected, simulate_clip
 from render import InputError, Mesh, load_mesh
