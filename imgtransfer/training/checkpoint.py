@@ -125,8 +125,10 @@ def fingerprint(path: str | Path) -> str:
 
 
 def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -> None:
-    """Put the tensors "model.*" into the model, each and no other; InputError where they are another
-    architecture's.
+    """Put the tensors "model.*" into the model, each and no other.
+
+    Raises:
+        InputError: weights that are not finite floating-point numbers, or of another architecture.
     """
     weights = {
         key.removeprefix("model."): value for key, value in tensors.items() if key.startswith("model.")
