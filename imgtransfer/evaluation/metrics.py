@@ -38,7 +38,7 @@ def evaluate_clip(
         rms_mm: the root of the mean squared distance.
         hausdorff_mm: mean over frames of the two-sided Hausdorff distance between the vertex sets.
         sted: spatio-temporal edge difference, see `imgtransfer.evaluation.sted`; no unit.
-        penetration_percent: fraction of garment vertices with negative distance to the body.
+        penetration_percent: per cent of the garment vertices with negative distance to the body.
 
     Raises:
         InputError: shapes that differ.

@@ -41,7 +41,11 @@ class MeshQuality:
 
 
 def mesh_quality(mesh: Mesh) -> MeshQuality:
-    """Measure a mesh."""
+    """Measure a mesh.
+
+    Args:
+        mesh: with vertices in metres; any number of components, closed or open.
+    """
     lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=-1)
     smallest = _smallest_angles(mesh)
     parts, broken = components(mesh), _non_manifold(mesh)
