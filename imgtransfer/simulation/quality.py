@@ -9,7 +9,7 @@ import torch
 from scipy.ndimage import median_filter
 
 from fusion import BodySdf
-from imgtransfer.simulation.cloth.crossings import crossings
+from imgtransfer.simulation.cloth.self_contact import crossings
 from imgtransfer.simulation.config import GateConfig
 from render.mesh.mesh import Mesh
 
