@@ -27,8 +27,9 @@ COLUMNS = 4  # frames shown of a clip
 
 
 def overview(cases: Sequence[Case]) -> Picture:
-    """The frame farthest from the template, from inputs to result: template, posed body, its maps, the predicted
-    maps, the fused garment. Everything in the canonical frame.
+    """The frame farthest from the template, from inputs to result, in the canonical frame.
+
+    Beside each other: template, posed body, its maps, the predicted maps, the fused garment.
     """
     case, frame = max(((case, *_farthest(case)) for case in cases), key=lambda candidate: candidate[2])[:2]
     clip, deformation = case.truth, case.maps[PRETRAINED]

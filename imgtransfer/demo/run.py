@@ -1,5 +1,6 @@
-"""What `scripts/demo` does: the whole method on the sample data. The shipped checkpoint's results come first, within a
-minute; then a training of the user's own completes them.
+"""What `scripts/demo` does: the whole method on the sample data.
+
+The shipped checkpoint's results come first, within a minute; then a training of the user's own completes them.
 """
 
 from __future__ import annotations

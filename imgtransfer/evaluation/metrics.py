@@ -38,7 +38,7 @@ def evaluate_clip(
         rms_mm: the root of the mean squared distance.
         hausdorff_mm: mean over frames of the two-sided Hausdorff distance between the vertex sets.
         sted: spatio-temporal edge difference, see `imgtransfer.evaluation.sted`; no unit.
-        penetration_percent: fraction of garment vertices with negative distance to the body.
+        penetration_percent: per cent of the garment vertices with negative distance to the body.
 
     Raises:
         InputError: shapes that differ.
@@ -66,8 +66,7 @@ def vertex_hausdorff(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def penetration_percent(vertices: np.ndarray, body_vertices: np.ndarray, body_faces: np.ndarray) -> float:
-    """Share of the vertices (T, N, 3) with negative distance to the body (T, B, 3) of their frame, per
-    cent."""
+    """Per cent of the vertices (T, N, 3) with negative distance to the body (T, B, 3) of their frame."""
     body = BodySdf(body_faces, body_vertices.shape[1])
     inside = 0
     for points, pose in zip(vertices, body_vertices, strict=True):

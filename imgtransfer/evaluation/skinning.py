@@ -11,8 +11,7 @@ from render import InputError
 
 
 def lbs_baseline(clip: Clip) -> np.ndarray:
-    """The template moved by linear blend skinning, each vertex with the weights of its nearest body rest
-    vertex.
+    """The template moved by linear blend skinning, each vertex with its nearest body rest vertex's weights.
 
     Args:
         clip: with `blend_weights`, and either `joint_transforms` or poses, trans, joints_rest and parents.

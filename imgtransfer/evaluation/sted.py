@@ -55,9 +55,8 @@ def sted_spatial(
         known = length > 0
         change = np.zeros_like(length)
         change[known] = _edge_lengths(frame_predicted, edges)[known] / length[known] - 1
-        change -= (
-            change[known].mean() if known.any() else 0.0
-        )  # a shift alters no deviation, but saves digits
+        # A shift alters no deviation, but saves digits.
+        change -= change[known].mean() if known.any() else 0.0
         total = near @ length
         used = total > 0
         mean = (near @ (length * change))[used] / total[used]

@@ -39,7 +39,11 @@ class ClipSummary:
 
 
 def summarise(clip: Clip) -> ClipSummary:
-    """Measure a clip on at most `SAMPLED_FRAMES` of its frames."""
+    """Measure a clip on at most `SAMPLED_FRAMES` of its frames.
+
+    Raises:
+        InputError: a template all of whose edges have length 0.
+    """
     chosen = np.unique(np.linspace(0, clip.n_frames - 1, SAMPLED_FRAMES).round().astype(int))
     strain = penetration = None
     if clip.garment_vertices is not None:

@@ -19,6 +19,9 @@ def metrics_table(rows: Mapping[str, Mapping[str, float]], *, first: str = "clip
     Args:
         rows: by name, a mapping with the keys of `METRICS`.
         first: heading of the column of names.
+
+    Returns:
+        The heading, a rule and a line a row; the columns after the first are those of `METRICS`.
     """
     body = [[name, *metric_cells(values)] for name, values in rows.items()]
     return tabulate(

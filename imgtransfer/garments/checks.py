@@ -41,7 +41,11 @@ class MeshQuality:
 
 
 def mesh_quality(mesh: Mesh) -> MeshQuality:
-    """Measure a mesh."""
+    """Measure a mesh.
+
+    Args:
+        mesh: with vertices in metres; any number of components, closed or open.
+    """
     lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=-1)
     smallest = _smallest_angles(mesh)
     parts, broken = components(mesh), _non_manifold(mesh)
@@ -107,9 +111,8 @@ def _smallest_angles(mesh: Mesh) -> np.ndarray:
 def _non_manifold(mesh: Mesh) -> int:
     """Edges and corners at which the surface is no surface; see `MeshQuality`."""
     halves = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    twice = len(halves) - len(
-        np.unique(halves, axis=0)
-    )  # the same direction: a third face, or one turned over
+    # One direction twice: a third face, or one turned over.
+    twice = len(halves) - len(np.unique(halves, axis=0))
     starts, ends = halves.T
     inner = np.isin(ends * len(mesh.vertices) + starts, starts * len(mesh.vertices) + ends)
     border = np.bincount(starts[~inner], minlength=len(mesh.vertices))

@@ -33,6 +33,7 @@ def motion_faults(motion: Motion, *, turning: float = TURNING, path_speed: float
     """What a body cannot do in a motion, one text a kind of fault; empty where there is nothing.
 
     Args:
+        motion: at its own frame rate.
         turning: degrees a second that a joint may turn against its parent (the pelvis, in the world).
         path_speed: m/s of the pelvis, on a body with legs of 0.8 m.
     """

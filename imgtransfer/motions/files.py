@@ -16,6 +16,8 @@ def load_motion(path: str | Path, *, fps: float = 30.0, up_axis: UpAxis = "auto"
     """Read an AMASS-style npz or a BVH file, at another frame rate.
 
     Args:
+        path: a .npz or .bvh file.
+        fps: of the result, frames a second; rotations are resampled spherically, the path linearly.
         up_axis: of an npz; the skeleton of a BVH file shows its own.
 
     Raises:

@@ -27,7 +27,9 @@ def make_motion(
     Args:
         kind: a key of `imgtransfer.motions.kinds.KINDS`.
         seed: chooses amplitudes, phases and asymmetry; the same arguments always give the same motion.
-        tempo: 1 is usual, 2 is twice as fast.
+        tempo: 1 is usual, 2 is twice as fast; 0.1 to 5.
+        seconds: how long it lasts, 0.2 to 600.
+        fps: frames a second, 5 to 1000.
 
     Raises:
         InputError: an unknown kind, or a tempo, duration or frame rate out of range.

@@ -51,7 +51,7 @@ class Motion:
 
     @property
     def seconds(self) -> float:
-        """From the first frame to the last."""
+        """From the first frame to the last, seconds."""
         return (len(self.poses) - 1) / self.fps
 
 

@@ -1,6 +1,4 @@
-"""The transfer networks: encoder, refinement, decoder, the body-based first guess, and both networks as one
-model.
-"""
+"""The transfer networks: encoder, refinement, decoder, the body-based first guess, and both networks as one model."""
 
 import lazy_loader
 

@@ -22,8 +22,9 @@ class Attention(nn.Module):
         self.output = nn.Linear(dim, dim)
 
     def forward(self, tokens: Tensor, context: Tensor) -> Tensor:
-        """(B, M, dim) queries and (B, M', dim) keys and values -> (B, M, dim). Self-attention: pass the same
-        twice.
+        """(B, M, dim) queries and (B, M', dim) keys and values -> (B, M, dim).
+
+        For self-attention pass the same twice.
         """
         query = self._split(self.query(tokens))
         key, value = (self._split(part) for part in self.key_value(context).chunk(2, dim=-1))
@@ -55,7 +56,6 @@ def sine_cosine_grid(grid: tuple[int, int], dim: int) -> Tensor:
     """
     frequency = 100.0 ** -torch.linspace(0, 1, dim // 4)
     rows, columns = torch.meshgrid(*(torch.arange(n, dtype=torch.float32) for n in grid), indexing="ij")
-    angle = (
-        torch.stack([rows.flatten(), columns.flatten()], dim=1)[..., None] * frequency
-    )  # (M, 2 axes, dim/4)
+    places = torch.stack([rows.flatten(), columns.flatten()], dim=1)
+    angle = places[..., None] * frequency  # (M, 2 axes, dim/4)
     return torch.cat([angle.sin(), angle.cos()], dim=-1).flatten(1)

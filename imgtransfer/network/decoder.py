@@ -61,9 +61,8 @@ class Decoder(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """(B, dim, rows, columns) -> (B, 3, rows * 2 ** blocks, columns * 2 ** blocks)."""
-        features = features.contiguous(
-            memory_format=torch.channels_last
-        )  # the tokens' own layout; on CPUs the standard one takes up to 1.7 times as long
+        # The tokens' own layout; on CPUs the standard one takes up to 1.7 times as long.
+        features = features.contiguous(memory_format=torch.channels_last)
         patches = 0 if self.linear is None else self.linear(features)
         for block in self.blocks:
             features = block(features)

@@ -81,9 +81,10 @@ def nearest_rotation(matrices: Tensor) -> Tensor:
     usable = torch.linalg.det(x)[..., None, None] > 1e-4
     x = torch.where(usable, x, identity)
     for _ in range(POLAR_STEPS):
+        # Rows: x1 × x2, x2 × x0, x0 × x1.
         cofactor = torch.stack(
             [torch.linalg.cross(x[..., i - 2, :], x[..., i - 1, :], dim=-1) for i in range(3)], dim=-2
-        )  # rows: x1 × x2, x2 × x0, x0 × x1
+        )
         determinant = (x[..., :1, :] * cofactor[..., :1, :]).sum(-1, keepdim=True)
         x = (x + cofactor / determinant) / 2
     return x

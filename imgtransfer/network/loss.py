@@ -27,7 +27,7 @@ def masked_l1(predicted: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
 
 
 def map_errors(predicted: ImagePair, truth: ImagePair, mask: Tensor, box: PositionBox) -> dict[str, float]:
-    """Mean errors over the covered pixels.
+    """Mean errors over the covered pixels; not a number where no pixel is covered.
 
     Args:
         predicted: encoded images, (B, S, H, W, 3) each; normals of any length.

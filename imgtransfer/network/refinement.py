@@ -1,6 +1,4 @@
-"""Pose-conditioned feature refinement: the garment's tokens look at the body's (section 3.2, equations 9 to
-11).
-"""
+"""Pose-conditioned feature refinement: the garment's tokens look at the body's (section 3.2, equations 9 to 11)."""
 
 from __future__ import annotations
 

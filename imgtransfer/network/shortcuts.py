@@ -40,9 +40,7 @@ class PoseCode(nn.Module):
 
     @torch.no_grad()
     def calibrate(self, body: Tensor) -> None:
-        """Take mean and spread of typical images (B, S, H, W, 3): most of an image is the same in every
-        pose.
-        """
+        """Take mean and spread of typical images (B, S, H, W, 3): most of an image is the same in every pose."""
         coarse = self._coarse(body)
         self.mean.copy_(coarse.mean(0))
         self.scale.copy_((coarse - self.mean).square().mean().sqrt().clamp(min=1e-3))

@@ -72,8 +72,7 @@ class TransferNet(nn.Module):
         for block in self.refinement:
             tokens = block(tokens, body_tokens)
         grid = self.encoder.grid
-        features = (
-            tokens[:, 1:].unflatten(1, grid).movedim(-1, 1)
-        )  # without [CLS]: (B * S, dim, rows, columns)
+        # Without [CLS]: (B * S, dim, rows, columns).
+        features = tokens[:, 1:].unflatten(1, grid).movedim(-1, 1)
         image = self.decoder(features).movedim(1, -1)
         return image.unflatten(0, body.shape[:2]).to(torch.float32)

@@ -30,8 +30,7 @@ class VitBlock(nn.Module):
 class VitEncoder(nn.Module):
     """Images to patch tokens, with a [CLS] token in front.
 
-    Deviation from the original: the position embedding starts as sines and cosines instead of noise, which a
-        short
+    Deviation from the original: the position embedding starts as sines and cosines instead of noise, which a short
     training from scratch needs; it is learned from there.
 
     Args:

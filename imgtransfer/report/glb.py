@@ -51,9 +51,8 @@ def animated_glb(path: str | Path, clip: Clip, *, step: int = 1) -> Path:
     looks = {"garment": clip.surface}
     frames = np.arange(0, clip.n_frames, step)
     n_vertices = sum(vertices.shape[1] for vertices, _ in meshes.values())
-    size = len(frames) * (
-        24 * n_vertices + 4 * len(meshes) * len(frames)
-    )  # targets, and the weights of each frame
+    # Targets, and the weights of each frame.
+    size = len(frames) * (24 * n_vertices + 4 * len(meshes) * len(frames))
     if size > _MOST_BYTES:
         raise InputError(
             f"{path}: {len(frames)} frames of {n_vertices} vertices are {size / 2**30:.1f} GiB, and a GLB holds 4 at "

@@ -20,7 +20,7 @@ from render.pictures import to_uint8
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image as `render.write_png` takes it, and the text under it."""
+    """An image (H, W, 3) as `render.write_png` takes it, and the text below it, plain."""
 
     image: np.ndarray
     caption: str = ""

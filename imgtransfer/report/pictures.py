@@ -141,6 +141,9 @@ def curve_picture(
         title, x_label, y_label: texts.
         logarithmic: whether y is drawn on a logarithmic axis.
         size: (height, width) in pixels.
+
+    Returns:
+        (H, W, 3) uint8.
     """
     figure = Figure(figsize=(size[1] / 100, size[0] / 100), dpi=100, layout="constrained")
     axes = figure.add_subplot()

@@ -9,7 +9,7 @@ import torch
 from scipy.ndimage import median_filter
 
 from fusion import BodySdf
-from imgtransfer.simulation.cloth.crossings import crossings
+from imgtransfer.simulation.cloth.self_contact import crossings
 from imgtransfer.simulation.config import GateConfig
 from render.mesh.mesh import Mesh
 
@@ -21,11 +21,24 @@ _PUSHES = 6  # a push out of one limb may end in another
 
 @dataclass(frozen=True)
 class Quality:
-    """Measured on a clip; lengths in metres, speeds in m/s. Values are infinite where vertices are not finite."""
+    """Measured on a clip; lengths in metres, speeds in m/s. Values are infinite where vertices are not finite.
+
+    Args:
+        median_stretch: |median over edges of length / rest length - 1|, of the worst frame.
+        p99_stretch: 99th percentile of length / rest length over edges and frames.
+        worst_p99_stretch: the same over edges, of the frame where it is largest.
+        sunk_percent: of the vertices, inside the body before `push_out`; mean over frames.
+        deepest: metres that a vertex lay inside the body before `push_out`.
+        penetration_percent: of the vertices, inside the body after `push_out`; mean over frames.
+        speed: m/s by which a vertex is faster than the body's fastest, in the worst frame.
+        reach: metres to the body, of the farthest vertex.
+        energy_spike: see `energy_spike`. jitter: see `jitter`.
+        crossing_percent: of the edges, passing through the cloth itself; mean over frames. No gate looks at it.
+    """
 
     median_stretch: float
     p99_stretch: float
-    worst_p99_stretch: float  # of the frame where it is largest
+    worst_p99_stretch: float
     sunk_percent: float
     deepest: float
     penetration_percent: float
@@ -33,7 +46,7 @@ class Quality:
     reach: float
     energy_spike: float
     jitter: float
-    crossing_percent: float  # edges that pass through the cloth itself, mean over frames; no gate looks at it
+    crossing_percent: float
 
     def as_text(self) -> str:
         """One line for logs."""

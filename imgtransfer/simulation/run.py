@@ -38,6 +38,13 @@ def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tupl
     twice the substeps. Vertices left inside the body are pushed out to 1 mm in front of it; positions are rounded to
     the 2⁻¹⁶ m grid, so that data sets store them compactly and exactly.
 
+    Args:
+        motion: at any frame rate, or the body's own frames.
+        config: of one garment and one body; its `clips` are not looked at.
+
+    Returns:
+        The clip, and what was measured on it.
+
     Raises:
         Rejected: the second attempt failed, too.
         InputError: files that cannot be read, or a garment that does not fit the body.

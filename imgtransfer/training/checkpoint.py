@@ -37,6 +37,12 @@ def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32
         model: what to write.
         stored: "float32" or "float16", the number type of the weights.
         steps: how many steps it was trained for, for the record.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: it cannot be written, such as for want of space.
     """
     dtype = {"float32": torch.float32, "float16": torch.float16}[stored]
     tensors = {f"model.{key}": value.to(dtype) for key, value in model.state_dict().items()}
@@ -125,8 +131,10 @@ def fingerprint(path: str | Path) -> str:
 
 
 def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -> None:
-    """Put the tensors "model.*" into the model, each and no other; InputError where they are another
-    architecture's.
+    """Put the tensors "model.*" into the model, each and no other.
+
+    Raises:
+        InputError: weights that are not finite floating-point numbers, or of another architecture.
     """
     weights = {
         key.removeprefix("model."): value for key, value in tensors.items() if key.startswith("model.")

@@ -10,8 +10,9 @@ from render import InputError, PositionBox, TemplateImager
 
 
 class Mirror:
-    """Mirrors images in the plane x = centre in which all cameras stand, such as front and back at any height
-    and of any layer: columns are flipped and the x of positions and normals turned round.
+    """Mirrors images in the plane x = centre: columns are flipped, and the x of positions and normals turned round.
+
+    All cameras must stand in that plane, as front and back do at any height and of any layer.
 
     Args:
         imager: of the garment.
@@ -24,9 +25,8 @@ class Mirror:
     """
 
     def __init__(self, imager: TemplateImager, mask: Tensor, body_mask: Tensor, box: PositionBox) -> None:
-        asymmetric = [
-            camera.name for camera in imager.cameras if abs(camera.view[0, 0]) != 1
-        ]  # its right is x
+        # A camera whose right is along x sees a mirror image as its own image flipped.
+        asymmetric = [camera.name for camera in imager.cameras if abs(camera.view[0, 0]) != 1]
         if asymmetric:
             raise InputError(
                 "training.mirror needs views from azimuth 0 or 180 only, such as front and back; found "

@@ -25,9 +25,8 @@ MARGIN = (
     0.1  # fraction of the time that bfloat16 must save: chance shall not decide, and float32 is more exact
 )
 _SECONDS, _MOST_ROUNDS = 0.5, 10
-_MOST_WORK = (
-    2**22
-)  # of one call on a CPU, see `Workload`: a fifth of a second at most where bfloat16 is emulated
+# Of one call on a CPU, see `Workload`: a fifth of a second at most where bfloat16 is emulated.
+_MOST_WORK = 2**22
 
 
 @dataclass(frozen=True)
@@ -52,9 +51,7 @@ class Workload:
         return cls(frames * len(maps.views) * maps.layers, rows, columns, network.encoder.dim)
 
     def for_a_cpu(self) -> Workload:
-        """As much of it as a CPU that emulates bfloat16 does in a moment, and not so little that calls cost more than
-        sums.
-        """
+        """As much of it as a CPU that emulates bfloat16 does in a moment; enough that sums cost more than calls."""
         rows, columns = (max(4, min(length, 8)) for length in (self.rows, self.columns))
         dim = max(64, min(self.dim, 256))
         most = max(1, _MOST_WORK // (rows * columns * dim**2))
@@ -111,9 +108,9 @@ def choose_precision(wanted: Literal["auto", "float32", "bfloat16"], ratio: Call
 
 
 def bfloat16_ratio(device: torch.device, workload: Workload) -> float:
-    """How many times as long as float32 bfloat16 takes on this device; half a second, or two calls where those are
-    longer. Measured once a process.
+    """How many times as long as float32 bfloat16 takes on this device; measured once a process.
 
+    That takes half a second, or two calls where those are longer.
     On a CPU one thread's own time counts, because what else the machine does would otherwise decide: beside busy
     processes threads wait for each other most of the time, in either number type.
     """
@@ -142,10 +139,7 @@ def _call(device: torch.device, workload: Workload) -> Callable[[bool], None]:
     networks = nn.ModuleList([mlp(workload.dim), DecoderBlock(workload.dim)]).to(device)
     shape = (workload.images, workload.rows, workload.columns, workload.dim)
     tokens = torch.randn(shape, device=device, requires_grad=True)
-    inputs = (
-        tokens.flatten(1, 2),
-        tokens.movedim(-1, 1),
-    )  # the tokens' grid, in the layout that the decoder has
+    inputs = tokens.flatten(1, 2), tokens.movedim(-1, 1)  # the second in the layout that the decoder has
 
     def call(bfloat16: bool) -> None:
         with torch.autocast(device.type, torch.bfloat16, enabled=bfloat16):

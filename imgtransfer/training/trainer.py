@@ -83,7 +83,15 @@ class Trainer:
         self.step = 0
 
     def train_step(self) -> dict[str, float]:
-        """One optimisation step; returns what the log says about it."""
+        """One optimisation step on the next batch, of both networks.
+
+        Returns:
+            What the log says about it: position_loss and normal_loss (masked L1 of encoded images, equation 3), and the
+            learning_rate.
+
+        Raises:
+            InputError: damaged data.
+        """
         options = self.config.training
         rate = learning_rate(options, self.step)
         for group in self.optimizer.param_groups:
@@ -118,7 +126,7 @@ class Trainer:
 
     @torch.no_grad()
     def batch(self, frames: Frames, index: Tensor) -> tuple[BodyMaps, ImagePair]:
-        """What the networks are shown of frames `index`, and the true images."""
+        """What the networks are shown of frames `index` (B,) int64, and the true images, (B, S, H, W, 3) each."""
         garment, body_vertices, shape = frames.read(index)
         body = self._bodies[id(frames)](body_vertices.to(self.device), shape.to(self.device))
         positions, normals = metric_maps(self.model.imager, garment.to(self.device))

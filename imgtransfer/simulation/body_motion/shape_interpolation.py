@@ -104,8 +104,9 @@ def _cotangents(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _links(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(L, 4) int64, one for each piece but the largest: its vertex nearest to that, the vertex there, and a triangle
-    of each (-1 where the piece is a vertex in no triangle).
+    """(L, 4) int64, what joins each piece to the largest: its nearest vertex, the vertex there, and a triangle of each.
+
+    The triangle is -1 where the piece is a vertex in no triangle.
     """
     count = len(vertices)
     ends = triangles[:, [0, 1]].T.ravel(), triangles[:, [1, 2]].T.ravel()
@@ -143,9 +144,8 @@ def _rotation_vectors(
     seed = int(np.argmin(np.where(flat, np.inf, size)))
     # From triangle to triangle where they turn most alike, and last through folds, such as armpits, that turn anyhow.
     start, end = _neighbours(triangles, links).T
-    unlike = (
-        3 - np.einsum("pab,pab->p", rotations[start], rotations[end]) + 1e-6
-    )  # above 0, or scipy drops it
+    # Above 0, or SciPy drops it.
+    unlike = 3 - np.einsum("pab,pab->p", rotations[start], rotations[end]) + 1e-6
     unlike += 10.0 * (flat[start] | flat[end])
     tree = minimum_spanning_tree(csr_array((unlike, (start, end)), shape=(len(triangles),) * 2))
     order, before = breadth_first_order(tree, seed, directed=False)

@@ -25,7 +25,9 @@ def step_count(before: np.ndarray, start: np.ndarray, end: np.ndarray, solver: S
     `step_length`, is the number of substeps.
 
     Args:
-        before: (M, 3) where the skin was a frame earlier than at the start.
+        before: (M, 3) metres, where the skin was a frame earlier than at the start.
+        start, end: (M, 3) metres, at the two ends of the frame.
+        solver: gives `step_length`, and the least and the greatest number.
     """
     displacement = end - start
     even = displacement.mean(axis=0)

@@ -70,8 +70,11 @@ class ClothDescent:
         self._recorded: dict[float, list[tuple[str, Any]]] = {}
 
     def step(self, state: Any, dt: float) -> None:
-        """Move the particles of a Newton state, always the same one, in place by `dt` seconds; the body stands where it
-        will be.
+        """Move the particles of a Newton state in place by `dt` seconds; the body stands where it will be.
+
+        Args:
+            state: always the same one, as the kernels' arguments are prepared once.
+            dt: the step, seconds.
         """
         if self.self_contact is not None:
             self.self_contact.update(state.particle_q)

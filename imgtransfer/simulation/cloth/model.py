@@ -25,10 +25,13 @@ class ClothOnBody:
 
     Args:
         cloth: the cloth's rest shape; its curvature at rest costs no bending energy.
-        body_vertices: (B, 3) where the body stands at first, metres. body_faces: (G, 3).
+        body_vertices: (B, 3) where the body stands at first, metres. body_faces: (G, 3) int.
         material: see `ClothConfig`.
         solver: for its iterations, and whether the cloth collides with itself.
-        pinned: (H,) vertices that go where `step` and `place` say, whatever pulls at them.
+        pinned: (H,) int, vertices that go where `step` and `place` say, whatever pulls at them.
+
+    Raises:
+        InputError: Newton is not installed.
     """
 
     def __init__(

@@ -43,10 +43,15 @@ def plan(
     each pair once; what is odd about them but no obstacle is printed to stderr.
 
     Args:
+        config: with clips of the motion library, and the garments and bodies that all motions are simulated with.
+        sources: motion files, mesh sequences' folders, and folders of either.
         frames: keep only so many frames of each.
         clips: glob patterns of the names of clips to take; None takes all.
         say: how messages name a setting of the garment's mesh and its value.
         source: what messages call the configuration.
+
+    Returns:
+        A task a clip; those of one garment and body follow each other.
 
     Raises:
         InputError: nothing to simulate, or nothing that `clips` name, two clips of one name, files that cannot be

@@ -6,9 +6,8 @@ import warp as wp
 from scipy.optimize import minimize
 
 from imgtransfer.simulation.cloth.contact_kernels import closest_weights
-from imgtransfer.simulation.cloth.crossings import crossings
 from imgtransfer.simulation.cloth.model import ClothOnBody
-from imgtransfer.simulation.cloth.self_contact import SelfContact
+from imgtransfer.simulation.cloth.self_contact import SelfContact, crossings
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
 from render.mesh.mesh import Mesh
 
