@@ -61,7 +61,9 @@ def run(args: argparse.Namespace) -> None:
 
     kind = args.out.suffix.lower()
     if kind not in ("", ".npz", ".glb", ".zip"):
-        raise InputError(f"--out {args.out}: wanted is a name that ends in .npz, .glb or .zip, or a folder")
+        raise InputError(
+            f"--out {args.out}: wanted is a name that ends in .npz or .glb, or .zip for every clip, or a folder"
+        )
     if kind in (".npz", ".zip") and args.step is not None:
         raise InputError(f"--step {args.step}: a {kind} holds every frame; --step goes with .glb and folders")
     if kind and args.frames_as is not None:
