@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from imgtransfer.simulation.cloth.crossings import crossings
+
 from render.mesh.mesh import Mesh
 
 FLAT = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
