@@ -14,7 +14,6 @@ from imgtransfer.cli.options import (
     add_clip_names,
     add_runner,
     chosen_executor,
-    clip_name,
     refuse_twice,
 )
 from imgtransfer.pipeline.folder import (
@@ -25,6 +24,7 @@ from imgtransfer.pipeline.folder import (
     POSITION_ONLY_FILE,
     REPORT_FILE,
     check_replaceable,
+    clip_of_folder,
     predicted_clips,
 )
 from render import InputError
@@ -179,7 +179,7 @@ def _chosen(args: argparse.Namespace) -> list[Path]:
     from imgtransfer.data.choice import choose  # noqa: PLC0415
 
     # Whatever the folder's path as it was given ("." for instance), its name is the clip's.
-    folders = {clip_name(folder.resolve().name): folder for folder in predicted_clips(args.predictions)}
+    folders = {clip_of_folder(folder.resolve().name): folder for folder in predicted_clips(args.predictions)}
     return [folders[name] for name in choose(args.predictions, list(folders), names=args.clip)]
 
 

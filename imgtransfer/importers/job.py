@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -79,12 +78,6 @@ class Job:
         ]
         text = json.dumps([self.name, files, repr(replace(options, clips=None, split=None))])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def clip_name(garment: str, clip: str) -> str:
-    """ "<garment>/<clip>" of the characters that names in a data set may have."""
-    clean = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "clip" for part in (garment, clip)]
-    return "/".join(clean)
 
 
 def chosen(jobs: Sequence[Job], options: ImportOptions, source: object) -> list[Job]:

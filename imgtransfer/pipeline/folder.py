@@ -24,6 +24,16 @@ WRITTEN = frozenset(
 )
 
 
+def folder_of_clip(name: str) -> str:
+    """The name of the folder that holds what is made from a clip: "tshirt/walk" -> "tshirt__walk"."""
+    return name.replace("/", "__")
+
+
+def clip_of_folder(name: str) -> str:
+    """The inverse of `folder_of_clip`."""
+    return name.replace("__", "/")
+
+
 def folders_in(path: Path) -> list[Path]:
     """`path` itself, and the folders in it, sorted; not those under way, whose names start with a dot."""
     inner = (entry for entry in path.iterdir() if entry.is_dir() and not entry.name.startswith("."))
