@@ -51,13 +51,13 @@ def predicted_clips(path: Path) -> list[Path]:
         hint = "; for a map file of another program give --maps FILE --out DIR" if path.is_file() else ""
         raise InputError(f"{path}: no such folder; what `imgtransfer predict` wrote is wanted{hint}")
     put_back(path, holding=MAPS_FILE)
-    found = [folder for folder in folders_in(path) if (folder / MAPS_FILE).is_file()]
-    if not found:
+    clips = [folder for folder in folders_in(path) if (folder / MAPS_FILE).is_file()]
+    if not clips:
         raise InputError(f"{path}: no prediction in it; wanted are folders with {MAPS_FILE}")
-    for folder in found:
+    for folder in clips:
         if not (folder / POSITION_ONLY_FILE).is_file():
             raise InputError(f"{folder}: lacks {POSITION_ONLY_FILE}, which holds the body; predict again")
-    return found
+    return clips
 
 
 def check_replaceable(folder: Path, option: str) -> None:
