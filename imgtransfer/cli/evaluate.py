@@ -8,8 +8,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.options import add_clip_choice, chosen_refs, clip_name
-from imgtransfer.pipeline.folder import METHODS, folders_in
+from imgtransfer.cli.options import add_clip_choice, chosen_refs
+from imgtransfer.pipeline.folder import METHODS, clip_of_folder, folders_in
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
@@ -148,18 +148,18 @@ def _prediction_files(paths: Sequence[Path], method: str | None) -> dict[str, Pa
                     f"--method {method}: chooses a file of a prediction's folder; {path} is a file"
                 )
             stem = path.parent.name if path.stem in METHODS else path.stem
-            files[clip_name(stem)] = path
+            files[clip_of_folder(stem)] = path
             continue
         if not path.is_dir():
             raise InputError(f"{path}: no such file or folder; a prediction is wanted")
         found = {
-            clip_name(folder.resolve().name): folder / name
+            clip_of_folder(folder.resolve().name): folder / name
             for folder in folders_in(path)
             for name in reversed(names)  # the better one last, so that it stays
             if (folder / name).is_file()
         }
         if not found and not method:
-            found = {clip_name(file.stem): file for file in sorted(path.glob("*.npz"))}
+            found = {clip_of_folder(file.stem): file for file in sorted(path.glob("*.npz"))}
         if not found:
             raise InputError(f"{path}: no prediction in it; wanted are folders with {' or '.join(names)}")
         files |= found

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
 from shlex import join
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imgtransfer.cli.mesh_options import OF_AXES, OF_GARMENT_AXES, add_axes
 from imgtransfer.cli.options import (
@@ -14,24 +13,21 @@ from imgtransfer.cli.options import (
     add_clip_names,
     add_runner,
     chosen_executor,
-    clip_name,
     refuse_twice,
 )
 from imgtransfer.pipeline.folder import (
     FUSED_FILE,
     HISTORY_FILE,
-    MAPS_FILE,
-    MESHES_FOLDER,
-    POSITION_ONLY_FILE,
     REPORT_FILE,
     check_replaceable,
+    clip_of_folder,
     predicted_clips,
 )
 from render import InputError
 from render.limits import MAX_LENGTH
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions
+    from imgtransfer.pipeline.fuse import FuseOptions
 
 # Options of the form with --maps.
 SINGLE = ("out", "template", "initial", "body", "inner", "pins", *OF_AXES, *OF_GARMENT_AXES, "weld")
@@ -131,6 +127,7 @@ def run(args: argparse.Namespace) -> None:
     from fusion.config import FusionConfig  # noqa: PLC0415
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
     from imgtransfer.pipeline.fuse import FuseOptions  # noqa: PLC0415
+    from imgtransfer.pipeline.fuse_task import FuseTask, fuse_clip  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
 
     _check_form(args)
@@ -138,14 +135,23 @@ def run(args: argparse.Namespace) -> None:
     refuse_twice(args, {"solver": ("solver",)})
     changes = [*args.set, *([f"solver={args.solver}"] if args.solver else [])]
     config = load_config(FusionConfig, args.config, changes)
-    ways = FuseOptions(config=config, positions_only=args.positions_only, erode=args.erode)
+    options = FuseOptions(config=config, positions_only=args.positions_only, erode=args.erode)
     if args.maps is not None:
-        _fuse_file(args, ways)
+        _fuse_file(args, options)
         return
     executor = chosen_executor(args)
-    # Another machine's processes have another working folder.
-    tasks = [_Task(folder.resolve() if args.ray else folder, args, ways) for folder in _chosen(args)]
-    run_tasks(_fuse_predicted, tasks, executor=executor, name=lambda task: task.name).check()
+    tasks = [
+        FuseTask(
+            folder=folder.resolve() if args.ray else folder,  # another machine's have another working folder
+            options=options,
+            meshes=args.meshes,
+            device=args.device,
+            history=args.history,
+            overwrite=args.overwrite,
+        )
+        for folder in _chosen(args)
+    ]
+    run_tasks(fuse_clip, tasks, executor=executor, name=lambda task: task.name).check()
     choice = [word for name in args.clip or () for word in ("--clip", name)]
     print(
         f"next     {join(['imgtransfer', 'evaluate', str(args.predictions), '--truth', 'SOURCE', *choice])}"
@@ -179,7 +185,7 @@ def _chosen(args: argparse.Namespace) -> list[Path]:
     from imgtransfer.data.choice import choose  # noqa: PLC0415
 
     # Whatever the folder's path as it was given ("." for instance), its name is the clip's.
-    folders = {clip_name(folder.resolve().name): folder for folder in predicted_clips(args.predictions)}
+    folders = {clip_of_folder(folder.resolve().name): folder for folder in predicted_clips(args.predictions)}
     return [folders[name] for name in choose(args.predictions, list(folders), names=args.clip)]
 
 
@@ -194,72 +200,26 @@ def _check_device(device: str) -> None:
         raise InputError(f"--device {device}: not usable here ({reason}); use cpu") from error
 
 
-def _fuse_file(args: argparse.Namespace, ways: FuseOptions) -> None:
+def _fuse_file(args: argparse.Namespace, options: FuseOptions) -> None:
     """Fuse --maps; the folder --out appears whole or not at all."""
     from imgtransfer.cli.fuse_files import given_files  # noqa: PLC0415
+    from imgtransfer.pipeline.fuse_task import fuse_file  # noqa: PLC0415
     from imgtransfer.report.fusion_history import fusion_table  # noqa: PLC0415
     from render.files.atomic import written_whole_folder  # noqa: PLC0415
 
     check_replaceable(args.out, "--out")
-    given = given_files(args)
+    inputs = given_files(args)
+    files = (args.template, args.initial, args.body, args.inner, args.pins)
     with written_whole_folder(args.out) as folder:
-        report = _fused(args.maps, folder, given, args, ways)
+        report = fuse_file(
+            args.maps,
+            folder,
+            inputs,
+            options,
+            sources=[file for file in files if file is not None],
+            meshes=args.meshes,
+            device=args.device,
+            history=args.history,
+        )
     print(fusion_table(report))
     print(f"results  {args.out}: {', '.join(sorted(entry.name for entry in args.out.iterdir()))}")
-
-
-@dataclass(frozen=True)
-class _Task:
-    """One clip's folder in a prediction, and how to fuse it."""
-
-    folder: Path
-    args: argparse.Namespace
-    ways: FuseOptions
-
-    @property
-    def name(self) -> str:
-        return self.folder.name
-
-
-def _fuse_predicted(task: _Task) -> str:
-    """Fuse one clip's folder, unless that was done with these settings since it was predicted; a line about it."""
-    from imgtransfer.pipeline.fuse import FuseInputs, fused_as, meshes_of  # noqa: PLC0415
-    from imgtransfer.pipeline.moving import open_moving  # noqa: PLC0415
-
-    folder, args, ways = task.folder, task.args, task.ways
-    maps, target = folder / MAPS_FILE, folder / FUSED_FILE
-    newer = target.is_file() and target.stat().st_mtime_ns >= maps.stat().st_mtime_ns
-    drawn = (folder / HISTORY_FILE).is_file() or not args.history
-    if newer and drawn and not args.overwrite and fused_as(target) == ways.as_text():
-        if args.meshes:
-            meshes_of(target, folder / MESHES_FOLDER, args.meshes)
-        return f"{folder}  fused with these settings already; --overwrite does it again"
-    report = _fused(
-        maps, folder, FuseInputs(body=open_moving(folder / POSITION_ONLY_FILE, "body")), args, ways
-    )
-    return f"{folder}  {report['frames']} frames, {report['seconds']:.1f} s"
-
-
-def _fused(
-    path: Path, folder: Path, given: FuseInputs, args: argparse.Namespace, ways: FuseOptions
-) -> dict[str, Any]:
-    """Fuse one map file into a folder, with a bar; the report."""
-    from tqdm import tqdm  # noqa: PLC0415
-
-    from imgtransfer.pipeline.fuse import fuse_into  # noqa: PLC0415
-    from imgtransfer.running import in_worker  # noqa: PLC0415
-    from render import open_maps  # noqa: PLC0415
-
-    maps = open_maps(path)
-    name = path.parent.name if path.name == MAPS_FILE else path.stem
-    hidden = True if in_worker() else None
-    options = {"meshes": args.meshes, "device": args.device, "history": args.history}
-    with tqdm(total=maps.n_frames, desc=name, unit="frame", leave=False, disable=hidden) as bar:
-        try:
-            return fuse_into(folder, maps, given, ways, **options, progress=bar.update)
-        except InputError as error:
-            bar.close()
-            named = (path, folder / POSITION_ONLY_FILE, *(getattr(args, option) for option in SINGLE))
-            if str(error).startswith(tuple(str(file) for file in named if file is not None)):
-                raise
-            raise InputError(f"{path}: {error}") from error

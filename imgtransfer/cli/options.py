@@ -149,13 +149,3 @@ def frame_slice(text: str) -> slice:
     except ValueError:
         pass
     raise InputError(f"--frames {text}: wanted is a frame number or START:STOP:STEP, such as 0:60:10")
-
-
-def folder_name(clip_name: str) -> str:
-    """The folder that holds what is made from a clip: "tshirt/walk" -> "tshirt__walk"."""
-    return clip_name.replace("/", "__")
-
-
-def clip_name(folder: str) -> str:
-    """The inverse of `folder_name`."""
-    return folder.replace("__", "/")

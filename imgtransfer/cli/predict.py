@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from shlex import join
 
-from imgtransfer.cli.options import add_clip_choice, add_runner, chosen_executor, chosen_refs, folder_name
-from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE, check_replaceable
+from imgtransfer.cli.options import add_clip_choice, add_runner, chosen_executor, chosen_refs
+from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE, check_replaceable, folder_of_clip
 from render import InputError
 
 
@@ -61,9 +61,9 @@ def run(args: argparse.Namespace) -> None:
             continue
         model.check_garment(still)  # all before any work: a wrong one would stop the command half-way
         with_garment &= still.garment_vertices is not None
-        check_replaceable(args.out / folder_name(ref.name), "--out")
+        check_replaceable(args.out / folder_of_clip(ref.name), "--out")
         clip = replace(ref, source=everywhere(ref.source))
-        tasks.append(PredictTask(path, mark, clip, out / folder_name(ref.name), args.overwrite))
+        tasks.append(PredictTask(path, mark, clip, out / folder_of_clip(ref.name), args.overwrite))
     run = run_tasks(predict_clip, tasks, executor=executor, name=lambda task: task.name)
     replace(run, failures=damaged | run.failures).check()
     choice = ["--split", args.split] if args.split else []

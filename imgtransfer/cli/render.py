@@ -18,10 +18,10 @@ from imgtransfer.cli.options import (
     add_clip_choice,
     add_views,
     chosen_refs,
-    folder_name,
     frame_slice,
     image_size,
 )
+from imgtransfer.pipeline.folder import folder_of_clip
 from render import InputError
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> None:
         file_format=args.format,
     )
     for scene, other in _scenes(args):
-        target = args.out / folder_name(scene.name)
+        target = args.out / folder_of_clip(scene.name)
         total = scene.n_frames * len(scene.meshes)
         with tqdm(total=total, desc=scene.name, unit="frame", disable=None) as bar:
             distances = render_scene(scene, target, options, against=other, progress=bar.update)

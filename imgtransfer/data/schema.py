@@ -38,6 +38,12 @@ def check_name(name: str, split: str) -> None:
         raise InputError(f"clip {name}: it needs a split, such as train or test")
 
 
+def valid_clip_name(garment: str, clip: str) -> str:
+    """ "<garment>/<clip>", in which only the characters are left that names in a data set may have."""
+    clean = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "clip" for part in (garment, clip)]
+    return "/".join(clean)
+
+
 def versions() -> dict[str, str]:
     """Versions of what writes data, for the record."""
     return {"python": platform.python_version()} | {

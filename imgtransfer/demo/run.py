@@ -21,6 +21,7 @@ from imgtransfer.demo.training import Length, trained
 from imgtransfer.evaluation.skinning import lbs_baseline
 from imgtransfer.network import TransferModel
 from imgtransfer.pipeline.deform import deform
+from imgtransfer.pipeline.folder import folder_of_clip
 from imgtransfer.report.glb import animated_glb
 from imgtransfer.report.html import Section, write_report
 from imgtransfer.training.checkpoint import load_model
@@ -101,7 +102,7 @@ def _page(out: Path, cases: Sequence[Case], overall: Metrics, finished: bool) ->
         for number, picture in enumerate(pictures, start=1):
             write_png(out / f"{name}{'' if len(pictures) == 1 else f'_{number}'}.png", picture.image)
     for case in cases:
-        stem = case.truth.name.replace("/", "__")
+        stem = folder_of_clip(case.truth.name)
         animated_glb(out / f"{stem}.glb", case.truth.with_garment(case.vertices["fused_pretrained"]))
     compared = "\n\n".join(f"{method}: {METHODS[method]}." for method in cases[0].methods)
     training = "Loss of both networks, and errors on the validation clips."

@@ -9,8 +9,8 @@ from annotated_types import Unit
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from imgtransfer.config.schema import DependsOn, Metres, Ratio, Section
+from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.axes import UNITS, Axes, usual_facing
-from imgtransfer.importers.job import clip_name
 from imgtransfer.running.fingerprint import files_fingerprint
 
 NAME = r"^[\w-][\w.-]*$"  # of a garment in a data set
@@ -165,7 +165,7 @@ class TemplateConfig(MeshFile):
     @property
     def title(self) -> str:
         """What data sets and messages call the garment."""
-        return self.name or clip_name(self.path.stem, "").partition("/")[0]
+        return self.name or valid_clip_name(self.path.stem, "").partition("/")[0]
 
 
 def _kind(value: Any) -> str:

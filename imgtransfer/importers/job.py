@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,10 +14,9 @@ from imgtransfer.data.choice import choose
 from imgtransfer.data.clip import FLOATS, SKINNING, SURFACE, Clip
 from imgtransfer.data.store import DataSet, check_name
 from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.running.fingerprint import MADE, fingerprint, recorded
 from render import InputError
 from render.files.textures import change_paths
-
-MARK = "imported"  # key of a clip's info: what it was imported from, and how
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,8 @@ class Job:
         split: such as train or test.
         files: what it is read from.
         read: reads the clip; raises InputError.
-        marked: whether the data set notes what the clip was imported from; else the clip itself is compared.
+        marked: whether the data set notes what the clip was imported from; else the clip comes as it is, and what it
+            holds says that.
     """
 
     name: str
@@ -72,19 +70,15 @@ class Job:
     read: Callable[[], Clip]
     marked: bool = True
 
-    def mark(self, options: ImportOptions) -> str:
-        """A fingerprint of the files (names, sizes, times) and the options: the same import gives the same."""
+    def fingerprint(self, options: ImportOptions) -> str:
+        """A text that changes with the files (their names, sizes and times: public sets are too large to be read for
+        this) and the options.
+        """
         files = [
             (file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in self.files if file.is_file()
         ]
         text = json.dumps([self.name, files, repr(replace(options, clips=None, split=None))])
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def clip_name(garment: str, clip: str) -> str:
-    """ "<garment>/<clip>" of the characters that names in a data set may have."""
-    clean = [re.sub(r"[^\w.-]+", "-", part).strip("-.") or "clip" for part in (garment, clip)]
-    return "/".join(clean)
+        return fingerprint([text])
 
 
 def chosen(jobs: Sequence[Job], options: ImportOptions, source: object) -> list[Job]:
@@ -121,8 +115,8 @@ def run_jobs(jobs: Sequence[Job], data: DataSet, options: ImportOptions) -> int:
     kept, failed = 0, []
     for job in tqdm(jobs, desc="import", unit="clip", disable=None):
         there = job.name in present and data.split(job.name) == job.split
-        mark = {MARK: job.mark(options)} if job.marked else {}
-        if there and mark and data.clip_attributes(job.name).info.get(MARK) == mark[MARK]:
+        record = {MADE: job.fingerprint(options)} if job.marked else {}
+        if there and record and recorded(data.clip_attributes(job.name).info) == record[MADE]:
             kept += 1
             continue
         try:
@@ -131,10 +125,10 @@ def run_jobs(jobs: Sequence[Job], data: DataSet, options: ImportOptions) -> int:
             known = any(str(file) in str(error) or str(file.parent) in str(error) for file in job.files)
             failed.append(str(error) if known else f"{job.files[0]}: {error}")
             continue
-        if there and not mark and _same(data, job.name, clip):
+        if there and not record and _content(clip) == _stored_content(data, job.name):
             kept += 1
             continue
-        data.write(job.name, replace(clip, info=clip.info | mark), split=job.split)
+        data.write(job.name, replace(clip, info=clip.info | record), split=job.split)
     if failed:
         if len(jobs) == 1:
             raise InputError(failed[0])
@@ -143,21 +137,28 @@ def run_jobs(jobs: Sequence[Job], data: DataSet, options: ImportOptions) -> int:
     return kept
 
 
-def _same(data: DataSet, name: str, clip: Clip) -> bool:
-    """Whether the data set holds this very clip already."""
+def _stored_content(data: DataSet, name: str) -> str | None:
+    """`_content` of a clip of the data set; None where that is not whole, so that it is written again."""
     if not data.has(name):
-        return False
+        return None
     try:
-        there = data.read(name)
+        return _content(data.read(name))
     except InputError:
-        return False  # damaged, so that it is written again
-    if _told(there) != _told(clip):
-        return False
-    keys = dict.fromkeys((*FLOATS, *SKINNING, *SURFACE, "garment_faces", "body_faces"))
-    return there.fps == clip.fps and all(
-        np.array_equal(x, y) if x is not None and y is not None else x is y
-        for x, y in ((getattr(there, key), getattr(clip, key)) for key in keys)
-    )
+        return None
+
+
+def _content(clip: Clip) -> str:
+    """A fingerprint of all that a clip holds."""
+
+    def parts() -> Iterator[str | memoryview]:
+        yield json.dumps([clip.fps, sorted(_told(clip).items())])
+        for key in dict.fromkeys((*FLOATS, *SKINNING, *SURFACE, "garment_faces", "body_faces")):
+            array = getattr(clip, key)
+            yield f"{key} {None if array is None else array.shape}"
+            if array is not None:
+                yield np.ascontiguousarray(array).data
+
+    return fingerprint(parts())
 
 
 def _told(clip: Clip) -> dict[str, str]:

@@ -3,6 +3,8 @@ from .folder import predicted_clips as predicted_clips
 from .fuse import FuseInputs as FuseInputs
 from .fuse import FuseOptions as FuseOptions
 from .fuse import fuse_into as fuse_into
+from .fuse_task import FuseTask as FuseTask
+from .fuse_task import fuse_clip as fuse_clip
 from .moving import Pins as Pins
 from .moving import load_pins as load_pins
 from .moving import open_moving as open_moving

@@ -24,6 +24,16 @@ WRITTEN = frozenset(
 )
 
 
+def folder_of_clip(name: str) -> str:
+    """The name of the folder that holds what is made from a clip: "tshirt/walk" -> "tshirt__walk"."""
+    return name.replace("/", "__")
+
+
+def clip_of_folder(name: str) -> str:
+    """The inverse of `folder_of_clip`."""
+    return name.replace("__", "/")
+
+
 def folders_in(path: Path) -> list[Path]:
     """`path` itself, and the folders in it, sorted; not those under way, whose names start with a dot."""
     inner = (entry for entry in path.iterdir() if entry.is_dir() and not entry.name.startswith("."))
@@ -41,13 +51,13 @@ def predicted_clips(path: Path) -> list[Path]:
         hint = "; for a map file of another program give --maps FILE --out DIR" if path.is_file() else ""
         raise InputError(f"{path}: no such folder; what `imgtransfer predict` wrote is wanted{hint}")
     put_back(path, holding=MAPS_FILE)
-    found = [folder for folder in folders_in(path) if (folder / MAPS_FILE).is_file()]
-    if not found:
+    clips = [folder for folder in folders_in(path) if (folder / MAPS_FILE).is_file()]
+    if not clips:
         raise InputError(f"{path}: no prediction in it; wanted are folders with {MAPS_FILE}")
-    for folder in found:
+    for folder in clips:
         if not (folder / POSITION_ONLY_FILE).is_file():
             raise InputError(f"{folder}: lacks {POSITION_ONLY_FILE}, which holds the body; predict again")
-    return found
+    return clips
 
 
 def check_replaceable(folder: Path, option: str) -> None:

@@ -25,16 +25,14 @@ from fusion import (
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import written_clip
 from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames
-from imgtransfer.data.reader import NpzReader
 from imgtransfer.pipeline.folder import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REPORT_FILE
 from imgtransfer.pipeline.moving import Moved, Moving, Pins
+from imgtransfer.running.fingerprint import MADE
 from render import InputError, MapFile, Mesh, write_png
 from render.files.atomic import written_whole
 from render.files.npz_writer import NpzWriter
 from render.maps.map_file import Maps
 from render.mesh.mesh import check_finite
-
-_TOGETHER = 32  # frames of a result that are read together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,19 +71,31 @@ class FuseOptions:
 def fuse_into(
     folder: Path,
     maps: Maps,
-    given: FuseInputs,
-    ways: FuseOptions,
+    inputs: FuseInputs,
+    options: FuseOptions,
     *,
     meshes: MeshKind | None = None,
     device: str = "cpu",
     history: bool = False,
+    made: str | None = None,
     progress: Callable[[int], object] | None = None,
 ) -> dict[str, Any]:
     """Fuse maps in their canonical frames, put these back, and write what was fused as it comes.
 
     Written are the report, its picture if it has a history, the meshes if asked for, and last fused.npz; each appears
-    whole or not at all. fused.npz is the body's clip with the fused garment, and says how it was fused (`fused_as`).
+    whole or not at all. fused.npz is the body's clip with the fused garment, and says how it was fused.
     Without a clip it holds the garment's arrays, and those of the body if there is one.
+
+    Args:
+        folder: is there already.
+        maps: whose frames are read when their turn comes.
+        inputs: what belongs to them.
+        options: what else decides the result.
+        meshes: also write one mesh file a frame, of this kind.
+        device: that computes, as PyTorch calls it.
+        history: also report every term at every iteration.
+        made: the fingerprint that fused.npz shall keep, where it is a clip; None leaves the body's clip's.
+        progress: called with a number of frames when they are done.
 
     Returns:
         The report.
@@ -94,29 +104,31 @@ def fuse_into(
         InputError: something given has another number of frames, or what `fuse_maps` refuses.
     """
     for name in ("body", "inner", "initial"):
-        moving = getattr(given, name)
+        moving = getattr(inputs, name)
         if moving is not None and moving.n_frames != maps.n_frames:
             raise InputError(
                 f"--{name}: {maps.n_frames} frames are wanted, as the maps have {maps.n_frames}; "
                 f"found {moving.n_frames}"
             )
-    stream = _Stream(maps, given)
+    stream = _Stream(maps, inputs)
     first = next(maps.parts(1))
-    if given.pins is not None:
-        given.pins.check(len(first.template_vertices))
-    template = given.template or _with_look(first.template, given.body)
+    if inputs.pins is not None:
+        inputs.pins.check(len(first.template_vertices))
+    template = inputs.template or _with_look(first.template, inputs.body)
     if first.rest_vertices is not None:
         template = replace(template, vertices=first.rest_vertices)
     with ExitStack() as stack:  # what is entered first appears last
-        add = stack.enter_context(_written_fused(folder / FUSED_FILE, template, first.fps, given.body, ways))
+        add = stack.enter_context(
+            _written_fused(folder / FUSED_FILE, template, first.fps, inputs.body, _record(options, made))
+        )
         frames = None
         if meshes:
             frames = stack.enter_context(written_mesh_frames(folder / MESHES_FOLDER, template, meshes))
 
-        def take(piece: BatchResult) -> None:
-            its = stream.taken()
-            vertices = its.frames.to_world(piece.vertices)
-            add(vertices, its.body)
+        def take(batch: BatchResult) -> None:
+            part = stream.taken()
+            vertices = part.frames.to_world(batch.vertices)
+            add(vertices, part.body)
             if frames is not None:
                 frames.add(vertices)
 
@@ -124,19 +136,20 @@ def fuse_into(
             maps,
             stream.parts,
             take,
-            ways.config,
-            reading=MapReading(template=given.template, positions_only=ways.positions_only, erode=ways.erode),
+            options.config,
+            reading=MapReading(
+                template=inputs.template, positions_only=options.positions_only, erode=options.erode
+            ),
             device=device,
             history=history,
             progress=progress,
         )
-        made = {
-            "positions_only": ways.positions_only,
-            "erode": ways.erode,
-            "config": ways.config.model_dump(),
+        report |= {
+            "positions_only": options.positions_only,
+            "erode": options.erode,
+            "config": options.config.model_dump(),
         }
-        report |= made
-        _save_report(folder, report, ways)
+        _save_report(folder, report, options)
     return report
 
 
@@ -151,18 +164,18 @@ class _Part:
 class _Stream:
     """Frames on their way into the fusion, in canonical frames, and out of it again."""
 
-    def __init__(self, maps: Maps, given: FuseInputs) -> None:
-        self._maps, self._given = maps, given
-        self._pins = None if given.pins is None else given.pins.over(maps.n_frames)
+    def __init__(self, maps: Maps, inputs: FuseInputs) -> None:
+        self._maps, self._inputs = maps, inputs
+        self._pins = None if inputs.pins is None else inputs.pins.over(maps.n_frames)
         self._under_way: deque[_Part] = deque()
 
     def parts(self, count: int) -> Iterator[tuple[MapFile, FusionInputs]]:
         """All frames, from the first on whenever this is called."""
         self._under_way.clear()
-        given, first = self._given, 0
+        inputs, first = self._inputs, 0
         streams = [
             itertools.repeat(None) if moving is None else moving.parts(count)
-            for moving in (given.initial, given.body, given.inner)
+            for moving in (inputs.initial, inputs.body, inputs.inner)
         ]
         for maps, initial, body, inner in zip(self._maps.parts(count), *streams, strict=False):
             frames = RootFrames(maps.rotation, maps.translation)
@@ -171,8 +184,8 @@ class _Stream:
                 maps,
                 FusionInputs(
                     initial=None if initial is None else _canonical(initial, frames, "--initial", first),
-                    body=_surface(given.body, body, frames, "--body", first),
-                    inner=_surface(given.inner, inner, frames, "--inner", first),
+                    body=_surface(inputs.body, body, frames, "--body", first),
+                    inner=_surface(inputs.inner, inner, frames, "--inner", first),
                     pins=self._pinned(frames, first, maps.n_frames),
                 ),
             )
@@ -180,11 +193,11 @@ class _Stream:
 
     def _pinned(self, frames: RootFrames, first: int, count: int) -> PinnedVertices | None:
         """The pins of `count` frames from number `first` on."""
-        if self._given.pins is None:
+        if self._inputs.pins is None:
             return None
         positions = None if self._pins is None else self._pins[first : first + count]
         return PinnedVertices(
-            self._given.pins.indices, None if positions is None else frames.to_canonical(positions)
+            self._inputs.pins.indices, None if positions is None else frames.to_canonical(positions)
         )
 
     def taken(self) -> _Part:
@@ -214,22 +227,30 @@ def _with_look(template: Mesh, body: Moving | None) -> Mesh:
     return replace(template, surface=clip.surface)
 
 
-def _save_report(folder: Path, report: dict[str, Any], ways: FuseOptions) -> None:
+def _save_report(folder: Path, report: dict[str, Any], options: FuseOptions) -> None:
     if "history" in report:
         from imgtransfer.report.fusion_history import history_picture  # noqa: PLC0415
 
-        write_png(folder / HISTORY_FILE, history_picture(report["history"], ways.config))
+        write_png(folder / HISTORY_FILE, history_picture(report["history"], options.config))
     else:
         (folder / HISTORY_FILE).unlink(missing_ok=True)
     with written_whole(folder / REPORT_FILE) as temporary:
         temporary.write_text(json.dumps(report, indent=2) + "\n")
 
 
+def _record(options: FuseOptions, made: str | None) -> dict[str, str]:
+    """What a fused.npz keeps in its `info`."""
+    return {"fusion": options.as_text()} | ({} if made is None else {MADE: made})
+
+
 @contextmanager
 def _written_fused(
-    path: Path, template: Mesh, fps: float, body: Moving | None, ways: FuseOptions
+    path: Path, template: Mesh, fps: float, body: Moving | None, record: dict[str, str]
 ) -> Iterator[Callable[[np.ndarray, Moved | None], None]]:
-    """Yield what takes frames of fused vertices (T, N, 3), world, and of the body; for the fused.npz at `path`."""
+    """Yield what takes frames of fused vertices (T, N, 3), world, and of the body; for the fused.npz at `path`.
+
+    `record` is added to the clip's `info`.
+    """
     constant: dict[str, Any] = {
         "template_vertices": np.asarray(template.vertices, np.float32),
         "garment_faces": template.faces,
@@ -249,7 +270,7 @@ def _written_fused(
                     uvs=None,
                     uv_faces=None,
                     face_materials=None,
-                    info=moved.clip.info | {"fusion": ways.as_text()},
+                    info=moved.clip.info | record,
                 )
                 add_clip(clip.with_surface(template.surface))
 
@@ -268,23 +289,3 @@ def _written_fused(
                 out.append("body_vertices", moved.vertices)
 
         yield add_rows
-
-
-def fused_as(path: Path) -> str | None:
-    """`FuseOptions.as_text` of what a fused.npz was made with; None where it is missing, damaged or does not say."""
-    try:
-        text = None
-        for part in NpzReader(path).parts(_TOGETHER):  # all of them: it may be damaged anywhere
-            text = part.info.get("fusion")
-    except InputError:
-        return None
-    return text
-
-
-def meshes_of(fused: Path, folder: Path, kind: MeshKind) -> None:
-    """Write the garment of a fused.npz as one mesh file a frame; the folder appears whole or not at all."""
-    reader = NpzReader(fused)
-    with written_mesh_frames(folder, reader.clip(0, 1).template, kind) as frames:
-        for part in reader.parts(_TOGETHER):
-            assert part.garment_vertices is not None
-            frames.add(part.garment_vertices)

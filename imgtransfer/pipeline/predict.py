@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -12,18 +12,20 @@ from tqdm import tqdm
 
 from fusion.initialise import InitialWeights
 from imgtransfer.data.clip import Clip, written_clip
-from imgtransfer.data.reader import NpzReader, Reader
+from imgtransfer.data.reader import Reader
 from imgtransfer.data.source import ClipRef
 from imgtransfer.network.model import FRAMES_AT_ONCE, Prediction, TransferModel
 from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE
+from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker
+from imgtransfer.running.fingerprint import MADE, fingerprint
 from imgtransfer.training.checkpoint import load_model
-from render import InputError, MapFile, written_maps
+from render import MapFile, written_maps
 from render.files.atomic import written_whole_folder
 
-_COMPARED = 32  # frames that are compared together
-# The arrays of a clip that a prediction follows from.
-_DECISIVE = ("template_vertices", "body_rest", "body_faces", "body_vertices", "poses", "trans", "fps")
+_TOGETHER = 32  # frames whose fingerprint is taken together; another number would give another fingerprint
+# The arrays of a clip that a prediction follows from: of every clip once, and of every frame.
+_STILL, _MOVING = ("template_vertices", "body_rest", "body_faces"), ("body_vertices", "poses", "trans")
 
 
 @dataclass(frozen=True)
@@ -56,12 +58,15 @@ def predict_clip(task: PredictTask) -> str:
         InputError: a model or clip that cannot be read, or that do not fit each other.
     """
     reader = task.clip.reader()
-    if not task.overwrite and _stands(task.folder, reader, task.mark):
+    made = _fingerprint(reader, task.mark)
+    whole = (task.folder / MAPS_FILE).is_file()
+    if whole and not task.overwrite and clip_stands(task.folder / POSITION_ONLY_FILE, made):
         return f"{task.folder}  predicted by this model already; --overwrite does it again"
     hidden = True if in_worker() else None
     batches = -(-reader.n_frames // FRAMES_AT_ONCE)
     bar = partial(tqdm, total=batches, desc=reader.name, unit="batch", leave=False, disable=hidden)
-    save_prediction(task.folder, _model(task.model, task.mark), reader, mark=task.mark, progress=bar)
+    record = {"model": task.mark, MADE: made}
+    save_prediction(task.folder, _model(task.model, task.mark), reader, record=record, progress=bar)
     return f"{task.folder}  {reader.n_frames} frames"
 
 
@@ -70,7 +75,7 @@ def save_prediction(
     model: TransferModel,
     reader: Reader,
     *,
-    mark: str,
+    record: Mapping[str, str],
     progress: Callable[[Iterable[Clip]], Iterable[Clip]] = iter,
 ) -> None:
     """Predict a clip some frames at a time, and write the maps, and the vertices that the position maps alone give.
@@ -80,7 +85,7 @@ def save_prediction(
             goes with that.
         model: predicts.
         reader: of the clip, with the body; the vertices are written as this clip's garment, world frame.
-        mark: `fingerprint` of the model, for the record.
+        record: what the vertices' clip keeps in its `info` of what it was made from.
         progress: wraps the iteration over the batches, such as tqdm.
 
     Raises:
@@ -98,7 +103,7 @@ def save_prediction(
             add_maps(_map_file(prediction))
             vertices = weights(model.imager.sample(prediction.metres())).numpy()
             garment = clip.with_garment(prediction.frames.to_world(vertices))
-            add_clip(replace(garment, info=clip.info | {"model": mark}))
+            add_clip(replace(garment, info={**clip.info, **record}))
 
 
 def _map_file(prediction: Prediction) -> MapFile:
@@ -120,19 +125,22 @@ def _model(path: Path, mark: str) -> TransferModel:
     return load_model(path)
 
 
-def _stands(folder: Path, reader: Reader, model: str) -> bool:
-    """Whether the folder holds this model's prediction for this very clip, compared some frames at a time."""
-    if not (folder / MAPS_FILE).is_file():
-        return False
-    stored = NpzReader(folder / POSITION_ONLY_FILE)
-    try:
-        if stored.clip(0, 1).info.get("model") != model or stored.n_frames != reader.n_frames:
-            return False
-        # Where one cannot be read it does not stand; if it is the clip, predicting says what is wrong.
-        return all(
-            np.array_equal(getattr(part, key), getattr(clip, key))
-            for part, clip in zip(stored.parts(_COMPARED), reader.parts(_COMPARED), strict=True)
-            for key in _DECISIVE
-        )
-    except InputError:
-        return False
+def _fingerprint(reader: Reader, model: str) -> str:
+    """A text that changes with whatever decides a prediction: the model and the clip's arrays, some frames at a time.
+
+    Raises:
+        InputError: a clip that cannot be read.
+    """
+
+    def parts() -> Iterator[str | memoryview]:
+        yield model
+        for number, clip in enumerate(reader.parts(_TOGETHER)):
+            if number == 0:
+                yield repr(clip.fps)
+            for key in (*_STILL, *_MOVING) if number == 0 else _MOVING:
+                array = getattr(clip, key)
+                yield f"{key} {None if array is None else (array.dtype.str, array.shape)}"
+                if array is not None:
+                    yield np.ascontiguousarray(array).data
+
+    return fingerprint(parts())

@@ -27,13 +27,12 @@ from tabulate import tabulate
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from fusion import FusionConfig, FusionInputs, MapReading, MovingSurface, fuse_maps
-from imgtransfer.cli.options import clip_name
 from imgtransfer.config.loader import load_config
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import open_clips
 from imgtransfer.evaluation.metrics import evaluate_clip, mean_over_frames
-from imgtransfer.pipeline.folder import MAPS_FILE, predicted_clips
+from imgtransfer.pipeline.folder import MAPS_FILE, clip_of_folder, predicted_clips
 from render import InputError, MapFile, TemplateImager, load_maps
 
 SOLVERS = ("local_global", "adam")
@@ -76,7 +75,7 @@ def measure(
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Means over all frames of all predicted clips: solver -> row -> metric."""
     predicted = {
-        clip_name(folder.resolve().name): load_maps(folder / MAPS_FILE)
+        clip_of_folder(folder.resolve().name): load_maps(folder / MAPS_FILE)
         for folder in predicted_clips(predictions)
     }
     truths = {clip.name: clip for clip in open_clips(truth, names=list(predicted))}

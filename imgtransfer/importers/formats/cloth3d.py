@@ -22,9 +22,10 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_shape
-from imgtransfer.importers.job import ImportOptions, Job, clip_name
+from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, load_mesh
 from render.files.data_file import check_data_file
@@ -69,7 +70,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
                     return _clip(file, model, options)
 
                 place = sample.resolve().name
-                name = clip_name(options.garment or f"{file.stem}_{place}", place)
+                name = valid_clip_name(options.garment or f"{file.stem}_{place}", place)
                 found.append(Job(name, options.split or "train", (file, sample / "info.mat"), read))
     return found
 

@@ -15,10 +15,11 @@ import numpy as np
 from tqdm import tqdm
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.worn import check_worn
-from imgtransfer.importers.job import ImportOptions, Job, clip_name
+from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.mesh_files import Source, check_frames, find_source, moving_in
 from imgtransfer.importers.part import Part
 from render import InputError
@@ -58,7 +59,10 @@ def job_of(name: str, source: Source, options: ImportOptions) -> Job:
     files = source.files()
     _prepare(source, options, check=True)
     return Job(
-        clip_name(options.garment or "garment", name), options.split, files, lambda: _clip(source, options)
+        valid_clip_name(options.garment or "garment", name),
+        options.split,
+        files,
+        lambda: _clip(source, options),
     )
 
 

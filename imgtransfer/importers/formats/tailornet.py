@@ -22,9 +22,10 @@ from pathlib import Path
 import numpy as np
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_shape, load_array, load_arrays
-from imgtransfer.importers.job import ImportOptions, Job, clip_name
+from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.pickles.reading import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, skinned, smpl_body
 from render import InputError
@@ -72,7 +73,7 @@ def _jobs_of(folder: Path, options: ImportOptions) -> list[Job]:
         def read(poses: Path = poses, moved: Path = moved) -> Clip:
             return garment().clip(poses, moved)
 
-        name = clip_name(options.garment or folder.resolve().name, f"{pivot}_{number}")
+        name = valid_clip_name(options.garment or folder.resolve().name, f"{pivot}_{number}")
         split = options.split or ("test" if number in TEST else "train")
         found.append(Job(name, split, (poses, moved), read))
     if not found:

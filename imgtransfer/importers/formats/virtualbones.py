@@ -22,9 +22,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_shape, load_arrays
-from imgtransfer.importers.job import ImportOptions, Job, clip_name
+from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, Mesh, load_mesh
 from render.files.naming import natural_sort
@@ -70,7 +71,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
                 def read(file: Path = file, template: Mesh = template) -> Clip:
                     return _clip(file, template, model(), options)
 
-                name = clip_name(options.garment or folder.resolve().name, file.stem)
+                name = valid_clip_name(options.garment or folder.resolve().name, file.stem)
                 found.append(Job(name, options.split or "train", (file, folder / "template.obj"), read))
     model()
     return found

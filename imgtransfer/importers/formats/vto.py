@@ -22,9 +22,10 @@ import torch
 
 from fusion import BodySdf
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import as_array, check_shape
-from imgtransfer.importers.job import ImportOptions, Job, clip_name
+from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.pickles.reading import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, Mesh, load_mesh
@@ -58,7 +59,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
         def read(file: Path = file, garment: str = garment, sequence: str = sequence) -> Clip:
             return _clip(file, template(garment), model(), sequence, options)
 
-        found.append(Job(clip_name(options.garment or garment, clip or garment), split, (file,), read))
+        found.append(Job(valid_clip_name(options.garment or garment, clip or garment), split, (file,), read))
     model()
     return found
 

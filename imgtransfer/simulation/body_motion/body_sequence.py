@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.formats.meshes import FPS
-from imgtransfer.importers.job import clip_name
 from imgtransfer.importers.mesh_files import find_body
 from imgtransfer.importers.part import Part
 from imgtransfer.running.fingerprint import files_fingerprint
@@ -89,7 +89,7 @@ def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> MeshSequ
     moving, rest = find_body(folder, settings.body_rest)
     files = [moving] if moving.suffix.lower() in CACHES else frame_files(moving)
     content = files_fingerprint(files if rest is None else [*files, rest])
-    name = clip_name("", folder.name).partition("/")[2]
+    name = valid_clip_name("", folder.name).partition("/")[2]
     return MeshSequence(name, moving, rest, settings, fps, content)
 
 

@@ -11,11 +11,10 @@ from imgtransfer.data.location import everywhere, place_at
 from imgtransfer.data.metadata import read_clips
 from imgtransfer.data.store import DataSet
 from imgtransfer.running import Executor, Serial, run_tasks
+from imgtransfer.running.fingerprint import MADE, recorded
 from imgtransfer.simulation.planning.task import Task
 from imgtransfer.simulation.run import Rejected, simulate_clip
 from render import InputError
-
-MADE = "made"  # key of a clip's info: a fingerprint of what it was made with
 
 
 @dataclass(frozen=True)
@@ -101,9 +100,9 @@ def _note_others(tasks: Sequence[Task], data: DataSet, names: set[str]) -> None:
     """Say which clips stand that were made from other files or settings: they stay as they are."""
     there = [task for task in tasks if task.name in names]
     attributes = read_clips(data.place, [task.name for task in there], str(data.path))
-    marks = [its.info.get(MADE, "") for its in attributes]
+    records = [recorded(its.info) for its in attributes]
     others = [
-        task.name for task, mark in zip(there, marks, strict=True) if mark and mark != task.fingerprint()
+        task.name for task, made in zip(there, records, strict=True) if made and made != task.fingerprint()
     ]
     if others:
         some = ", ".join(others[:3]) + (" ..." if len(others) > 3 else "")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 
 from imgtransfer.garments.config import garment_fingerprint
 from imgtransfer.motions.motion import Motion
+from imgtransfer.running.fingerprint import fingerprint
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
 from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.motion_config import Split
@@ -40,4 +40,4 @@ class Task:
         settings = config.model_dump_json(exclude=excluded)
         if garment := garment_fingerprint(config.garment):
             content.append(garment.encode())
-        return hashlib.sha256(b"|".join([settings.encode(), *content])).hexdigest()[:16]
+        return fingerprint([settings, *content])

@@ -228,10 +228,34 @@ def test_predictions_are_fused_in_their_folders_and_only_once(folder, prediction
     assert again() == {"b"}
     later = (predictions / "a" / "fused.npz").stat().st_mtime_ns + 1
     os.utime(predictions / "a" / "maps.npz", ns=(later, later))
+    assert again() == set()  # the same maps, only touched
+    with np.load(predictions / "a" / "maps.npz") as maps:
+        arrays = dict(maps)
+    arrays["position"][arrays["position"] > 0] *= 0.999
+    np.savez(predictions / "a" / "maps.npz", **arrays)
     assert again() == {"a"}
+    assert again() == set()
+    clip = load_clip(predictions / "b" / "position_only.npz")
+    save_clip(
+        predictions / "b" / "position_only.npz",
+        replace(clip, body_vertices=clip.body_vertices + np.float32(1e-4)),
+    )
+    assert again() == {"b"}
     shutil.copy(folder / "fusion.yaml", predictions)
-    os.utime(predictions / "a" / "maps.npz", ns=(later, later))
     assert again("--overwrite", where=predictions / "a") == {"a"}
+
+
+def test_a_fusion_of_an_earlier_version_which_kept_no_fingerprint_is_done_again(predictions):
+    assert fuse(predictions) == 0
+    fused = predictions / "a" / "fused.npz"
+    clip = load_clip(fused)
+    del clip.info["made"]
+    save_clip(fused, clip)
+    before = {name: (predictions / name / "fused.npz").stat().st_ino for name in ("a", "b")}
+    assert fuse(predictions) == 0
+    assert fused.stat().st_ino != before["a"]
+    assert (predictions / "b" / "fused.npz").stat().st_ino == before["b"]
+    assert load_clip(fused).info["made"]
 
 
 def test_meshes_of_predictions_that_stand_are_written_without_fusing_again(predictions):

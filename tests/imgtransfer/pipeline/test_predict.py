@@ -141,6 +141,15 @@ def test_the_command_leaves_what_the_same_model_predicted(
     assert not (tmp_path / "o" / "walk" / "fused.npz").exists()
     save_model(tmp_path / "model.safetensors", model, steps=1)
     assert writes_anew()
+    assert not writes_anew()
+    vertices = maps.with_name("position_only.npz")
+    stored = load_clip(vertices)
+    del stored.info["made"]
+    save_clip(vertices, stored)  # as versions wrote it that kept no fingerprint
+    assert writes_anew()
+    vertices.write_bytes(vertices.read_bytes()[:-5000])
+    assert writes_anew()
+    assert not writes_anew()
     (tmp_path / "o" / "walk" / "notes.txt").write_text("precious")
     assert main([*command, "--overwrite"]) == 2
     assert "holds other files" in capsys.readouterr().err

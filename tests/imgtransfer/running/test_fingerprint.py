@@ -1,10 +1,42 @@
-"""Fingerprints of files, by which a thing is known to be made from these very files."""
+"""Fingerprints of what results are made from."""
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
-from imgtransfer.running.fingerprint import files_fingerprint
+import numpy as np
+import pytest
+
+from imgtransfer.running import fingerprint as module
+from imgtransfer.running.fingerprint import files_fingerprint, fingerprint, recorded
+
+
+def test_a_fingerprint_is_of_the_parts_in_their_order() -> None:
+    wanted = hashlib.sha256(b"a|bc|\x01\x00\x02\x00").hexdigest()[:16]
+    assert fingerprint(["a", b"bc", np.array([1, 2], "<i2").data]) == wanted
+    assert fingerprint(["bc", "a"]) != fingerprint(["a", "bc"])
+    assert fingerprint(["ab", "c"]) != fingerprint(["a", "bc"])
+    assert fingerprint([]) == fingerprint([""])
+    assert fingerprint([np.zeros((0, 3)).data]) == fingerprint([b""])
+
+
+def test_files_count_by_what_they_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    one.write_bytes(b"0123456789")
+    assert files_fingerprint([one]) == hashlib.sha256(b"10:0123456789").hexdigest()[:16]
+    assert files_fingerprint([one, other]) == hashlib.sha256(b"10:0123456789missing").hexdigest()[:16]
+    before = files_fingerprint([one])
+    one.rename(other)
+    assert files_fingerprint([other]) == before
+    monkeypatch.setattr(module, "_BLOCK", 3)
+    assert files_fingerprint([other]) == before
+
+
+def test_the_record_of_earlier_imports_is_known() -> None:
+    assert recorded({"made": "a", "imported": "b"}) == "a"
+    assert recorded({"imported": "b"}) == "b"
+    assert recorded({"source": "c"}) is None
 
 
 def written(folder: Path, **contents: str) -> list[Path]:
