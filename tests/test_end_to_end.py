@@ -92,10 +92,10 @@ def test_from_a_motion_to_the_metrics(tmp_path: Path, capsys: pytest.CaptureFixt
         "fusion.json",
     }
     fused = load_clip(folder / "fused.npz")
-    assert fused.garment_vertices is not None
-    assert np.isfinite(fused.garment_vertices).all()
-    np.testing.assert_array_equal(fused.garment_faces, truth.garment_faces)
-    np.testing.assert_array_equal(fused.blend_weights, truth.blend_weights)
+    assert fused.garment is not None
+    assert np.isfinite(fused.garment.vertices).all()
+    np.testing.assert_array_equal(fused.template.faces, truth.template.faces)
+    np.testing.assert_array_equal(fused.skeleton.blend_weights, truth.skeleton.blend_weights)
 
     measured = metrics(capsys, *evaluate[1:])
     assert set(measured) == {"clips", "overall"}

@@ -59,12 +59,12 @@ def run(args: argparse.Namespace) -> None:
     measured, lengths = {}, {}
     for truth, predicted in _baseline(args, refs) if args.baseline else _predictions(args, refs):
         name = truth.name
-        if truth.garment_vertices is None:
+        if truth.garment is None:
             raise InputError(f"{args.truth}: clip {name} has no garment vertices to compare with")
         lengths[name] = truth.n_frames
         try:
             measured[name] = evaluate_clip(
-                predicted, truth.garment_vertices, truth.garment_faces, truth.body_vertices, truth.body_faces
+                predicted, truth.garment.vertices, truth.template.faces, truth.body.vertices, truth.body.faces
             )
         except InputError as error:
             raise InputError(f"{name}: {error}") from error

@@ -109,9 +109,9 @@ def _write_frames(folder: Path, reader: Reader, kind: MeshKind, step: int) -> No
         raise InputError(f"--out {folder}: exists already; give the name of a new folder")
     clip = reader.clip(0, 1)
     # Named as `import meshes` and `simulate` look for them, rest pose included.
-    meshes = {"body": (Mesh(clip.body_rest, clip.body_faces), "body_rest")}
-    if clip.garment_vertices is not None:
-        meshes["garment"] = (clip.template, "template")
+    meshes = {"body": (Mesh(clip.body.rest, clip.body.faces), "body_rest")}
+    if clip.garment is not None:
+        meshes["garment"] = (clip.template_mesh, "template")
     with written_whole_folder(folder) as temporary:
         writers = {}
         for name, (rest, still) in meshes.items():
@@ -120,5 +120,7 @@ def _write_frames(folder: Path, reader: Reader, kind: MeshKind, step: int) -> No
         done = 0
         for part in reader.parts(_TOGETHER):
             for name, writer in writers.items():
-                writer.add(getattr(part, f"{name}_vertices")[-done % step :: step])
+                moved = part.body if name == "body" else part.garment
+                assert moved is not None  # as in the first frame
+                writer.add(moved.vertices[-done % step :: step])
             done += part.n_frames

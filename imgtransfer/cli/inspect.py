@@ -175,13 +175,13 @@ def _coverage(clips: Iterable[Clip], args: argparse.Namespace) -> None:
     layers = args.layers or (1 if args.views else 2)
     garments: dict[bytes, dict[bytes, Clip]] = {}
     for clip in clips:
-        shapes = garments.setdefault(clip.garment_faces.tobytes(), {})
-        shapes.setdefault(clip.template_vertices.tobytes() + clip.body_rest.tobytes(), clip)
+        shapes = garments.setdefault(clip.template.faces.tobytes(), {})
+        shapes.setdefault(clip.template.vertices.tobytes() + clip.body.rest.tobytes(), clip)
     for shapes in garments.values():
         clip = next(iter(shapes.values()))
         if len(shapes) > 1:
             print(f"the garment of {clip.name} comes in {len(shapes)} shapes (templates and rest bodies)")
-        template = Mesh(clip.template_vertices, clip.garment_faces, f"{clip.name}: garment")
+        template = Mesh(clip.template.vertices, clip.template.faces, f"{clip.name}: garment")
         for chosen in views:
             coverage = Coverage.of(TemplateImager.build(template, views=chosen, layers=layers))
             print(f"vertices seen of {clip.name} by {chosen}: {coverage}")

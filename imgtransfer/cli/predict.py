@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
             damaged[ref.name] = str(error)  # the others are predicted
             continue
         model.check_garment(still)  # all before any work: a wrong one would stop the command half-way
-        with_garment &= still.garment_vertices is not None
+        with_garment &= still.garment is not None
         check_replaceable(args.out / folder_of_clip(ref.name), "--out")
         clip = replace(ref, source=everywhere(ref.source))
         tasks.append(PredictTask(path, mark, clip, out / folder_of_clip(ref.name), args.overwrite))

@@ -5,6 +5,10 @@ from .clip import Clip as Clip
 from .clip import load_clip as load_clip
 from .clip import save_clip as save_clip
 from .clip import written_clip as written_clip
+from .clip_parts import Body as Body
+from .clip_parts import Garment as Garment
+from .clip_parts import Skeleton as Skeleton
+from .clip_parts import Template as Template
 from .mesh_output import save_mesh_frames as save_mesh_frames
 from .mesh_output import written_mesh_frames as written_mesh_frames
 from .migration import migrate as migrate

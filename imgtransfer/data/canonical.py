@@ -50,14 +50,16 @@ def root_frames(clip: Clip, mode: RootMode) -> RootFrames:
 
     A clip without poses gets its root motion from the best rigid fit of the rest body to each frame (Kabsch).
     """
-    if clip.poses is not None and clip.trans is not None:
-        rotation = Rotation.from_rotvec(clip.poses[:, 0].astype(np.float64)).as_matrix()
-        rest = clip.joints_rest[0].astype(np.float64) if clip.joints_rest is not None else np.zeros(3)
-        root = rest + clip.trans.astype(np.float64)
+    skeleton = clip.skeleton
+    if skeleton.poses is not None and skeleton.trans is not None:
+        rotation = Rotation.from_rotvec(skeleton.poses[:, 0].astype(np.float64)).as_matrix()
+        joints = skeleton.joints_rest
+        rest = joints[0].astype(np.float64) if joints is not None else np.zeros(3)
+        root = rest + skeleton.trans.astype(np.float64)
     else:
-        rest = clip.body_rest.astype(np.float64).mean(0)
-        rotation = np.stack([_rigid_fit(clip.body_rest, frame) for frame in clip.body_vertices])
-        root = clip.body_vertices.astype(np.float64).mean(1)
+        rest = clip.body.rest.astype(np.float64).mean(0)
+        rotation = np.stack([_rigid_fit(clip.body.rest, frame) for frame in clip.body.vertices])
+        root = clip.body.vertices.astype(np.float64).mean(1)
     if mode == "heading":
         rotation = heading(rotation)
     return RootFrames(rotation, root - rotation @ rest)

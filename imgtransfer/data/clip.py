@@ -6,10 +6,21 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from imgtransfer.data.clip_checks import INDICES, check_arrays, plain
+from imgtransfer.data.clip_parts import (
+    PER_FRAME,
+    STORED,
+    Body,
+    Garment,
+    Skeleton,
+    Template,
+    flat_arrays,
+    parts_of,
+)
 from imgtransfer.data.texture_files import store_textures
 from render import InputError, Mesh
 from render.files.atomic import written_whole
@@ -29,10 +40,6 @@ REQUIRED = (
     "body_vertices",
     "fps",
 )
-SKINNING = ("poses", "trans", "joints_rest", "parents", "blend_weights", "joint_transforms")
-SURFACE = ("original_faces", "original_vertices", "uvs", "uv_faces", "face_materials")
-STORED = (*REQUIRED[:-1], *SKINNING, *SURFACE)  # every array of a clip
-PER_FRAME = ("garment_vertices", "body_vertices", "poses", "trans", "joint_transforms")
 FLOATS = tuple(name for name in STORED if name not in INDICES)
 _LONGEST_TEXT = 1 << 24  # bytes; a material library is the longest that anyone has
 _LIMITS = {"poses": (ANGLES, "rad"), "blend_weights": (10.0, ""), "uvs": (FARTHEST, "")}  # no positions
@@ -40,76 +47,54 @@ _LIMITS = {"poses": (ANGLES, "rad"), "blend_weights": (10.0, ""), "uvs": (FARTHE
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """Arrays of one clip, in world coordinates: metres, y up, the body faces +z in its rest pose.
+    """One garment on one moving body, in world coordinates: metres, y up, the body faces +z in its rest pose.
 
     Args:
-        template_vertices: (N, 3) float32, the garment in the body's rest pose.
-        garment_faces: (F, 3) int, counter-clockwise from outside.
-        garment_vertices: (T, N, 3) float32; None where only the body is known (something to predict for).
-        body_rest: (B, 3) float32, the body in its rest pose, in the template's frame.
-        body_faces: (G, 3) int.
-        body_vertices: (T, B, 3) float32.
+        template: the garment in the body's rest pose, N vertices.
+        garment: the same in T frames; None where only the body is known (something to predict for).
+        body: at rest and in T frames.
         fps: frames a second.
-        poses: (T, J, 3) axis-angle of the SMPL joints, local; joint 0 is the global orientation.
-        trans: (T, 3); the root joint is at `joints_rest[0] + trans` (the SMPL convention).
-        joints_rest: (J', 3) rest positions; J' may be 1 where only the root is known.
-        parents: (J',) int, parent of each joint, -1 for the root.
-        blend_weights: (B, K) linear blend skinning weights of the body's vertices.
-        joint_transforms: (T, K, 3, 4) rest-to-posed transforms that belong to `blend_weights`; where it is
-            None, K = J and they follow from poses, trans, joints_rest and parents.
-        original_faces: (F', 3) int, the garment's triangles as its file had them; this and the four that follow are
-            a `render.Surface` (see `Clip.surface`), None where nothing of it is known.
-        original_vertices: (M,) int, for each vertex of the file the template's vertex.
-        uvs: (U, 2) float32 texture coordinates.
-        uv_faces: (F', 3) int, indices into `uvs` of the corners of `original_faces`, -1 for none.
-        face_materials: (F',) int, indices into the lines of `info["materials"]`; `info["mtl"]` describes them.
+        skeleton: what moves the body, as far as it is known.
         info: free text such as source, licence and units, by name.
         name: what messages and tables call it.
+
+    Raises:
+        InputError: arrays that are no numbers, do not fit each other, or lie where nothing can; the message has the
+            names of `imgtransfer.data.clip_parts.FLAT`, which files have, too.
     """
 
-    template_vertices: np.ndarray
-    garment_faces: np.ndarray
-    garment_vertices: np.ndarray | None
-    body_rest: np.ndarray
-    body_faces: np.ndarray
-    body_vertices: np.ndarray
+    template: Template
+    garment: Garment | None
+    body: Body
     fps: float
-    poses: np.ndarray | None = None
-    trans: np.ndarray | None = None
-    joints_rest: np.ndarray | None = None
-    parents: np.ndarray | None = None
-    blend_weights: np.ndarray | None = None
-    joint_transforms: np.ndarray | None = None
-    original_faces: np.ndarray | None = None
-    original_vertices: np.ndarray | None = None
-    uvs: np.ndarray | None = None
-    uv_faces: np.ndarray | None = None
-    face_materials: np.ndarray | None = None
+    skeleton: Skeleton = field(default_factory=Skeleton)
     info: dict[str, str] = field(default_factory=dict)
     name: str = "clip"
 
     def __post_init__(self) -> None:
-        arrays = {key: np.asarray(getattr(self, key)) for key in STORED if getattr(self, key) is not None}
+        arrays = {key: np.asarray(values) for key, values in self.arrays().items()}
         check_arrays({key: (values.shape, values.dtype) for key, values in arrays.items()}, self.name)
-        check_faces(arrays["garment_faces"], len(self.template_vertices), f"{self.name}: garment_faces")
-        check_faces(arrays["body_faces"], len(self.body_rest), f"{self.name}: body_faces")
+        check_faces(arrays["garment_faces"], len(arrays["template_vertices"]), f"{self.name}: garment_faces")
+        check_faces(arrays["body_faces"], len(arrays["body_rest"]), f"{self.name}: body_faces")
         for key in FLOATS:
             if key in arrays:
                 limit, unit = _LIMITS.get(key, (FARTHEST, "m"))
                 check_finite(arrays[key], f"{self.name}: {key}", limit=limit, unit=unit)
-        for key, values in arrays.items():
-            object.__setattr__(self, key, plain(values, whole=key in INDICES))
-        if self.parents is not None and (self.parents < -1).any():
+        arrays = {key: plain(values, whole=key in INDICES) for key, values in arrays.items()}
+        for key, part in _parts(self.name, arrays, self.template.surface).items():
+            object.__setattr__(self, key, part)
+        self._check_values()
+
+    def _check_values(self) -> None:
+        if self.skeleton.parents is not None and (self.skeleton.parents < -1).any():
             raise InputError(f"{self.name}: parents must be indices of joints, -1 for the root")
-        if (self.original_faces is None) != (self.original_vertices is None):
-            raise InputError(f"{self.name}: original_faces and original_vertices come together")
-        surface = self.surface
-        if surface is not None:
-            used = surface.vertices
-            if len(used) and not 0 <= used.min() <= used.max() < len(self.template_vertices):
+        if self.template.surface is not None:
+            used = self.template.surface.vertices
+            if len(used) and not 0 <= used.min() <= used.max() < len(self.template.vertices):
                 raise InputError(f"{self.name}: original_vertices must be indices of the template's vertices")
-        if self.joint_transforms is not None:
-            bad = np.argwhere(~(np.linalg.det(self.joint_transforms[..., :3].astype(np.float64)) > 0))
+        if self.skeleton.joint_transforms is not None:
+            turns = self.skeleton.joint_transforms[..., :3].astype(np.float64)
+            bad = np.argwhere(~(np.linalg.det(turns) > 0))
             if len(bad):
                 raise InputError(
                     f"{self.name}: joint_transforms: that of frame {bad[0][0]}, joint {bad[0][1]} mirrors or flattens "
@@ -117,60 +102,71 @@ class Clip:
                 )
         check_rate(self.fps, self.name)
 
-    @property
-    def n_frames(self) -> int:
-        return len(self.body_vertices)
+    @classmethod
+    def of_arrays(
+        cls, arrays: Mapping[str, np.ndarray], *, fps: float, info: Mapping[str, str], name: str
+    ) -> Clip:
+        """The clip of a file: the inverse of `arrays` and `texts`.
 
-    @property
-    def surface(self) -> Surface | None:
-        """Texture coordinates, materials and the numbering of the garment's file; None where nothing is known.
+        Args:
+            arrays: by the names of `imgtransfer.data.clip_parts.FLAT`. info: the file's texts.
 
         Raises:
-            InputError: arrays that do not fit each other.
+            InputError: as the class.
         """
-        if self.original_faces is None or self.original_vertices is None:
-            return None
-        try:
-            return Surface(
-                np.asarray(self.original_faces, np.int64),
-                np.asarray(self.original_vertices, np.int64),
-                uvs=self.uvs,
-                uv_faces=self.uv_faces,
-                face_materials=self.face_materials,
-                materials=tuple(self.info.get("materials", "").splitlines()),
-                mtl=self.info.get("mtl", ""),
-            )
-        except InputError as error:
-            raise InputError(f"{self.name}: {error}") from error
+        check_arrays({key: (values.shape, values.dtype) for key, values in arrays.items()}, name)
+        texts = dict(info)
+        look = None
+        if "original_faces" in arrays:
+            look = tuple(texts.pop("materials", "").splitlines()), texts.pop("mtl", "")
+        return cls(**_parts(name, arrays, look), fps=fps, info=texts, name=name)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Every array that is there, by its name in files and messages."""
+        return flat_arrays(self.template, self.garment, self.body, self.skeleton)
+
+    def texts(self) -> dict[str, str]:
+        """What a file says beside the arrays: `info`, and the materials of the template's surface."""
+        surface = self.template.surface
+        if surface is None:
+            return dict(self.info)
+        look = {"materials": "\n".join(surface.materials), "mtl": surface.mtl}
+        return self.info | {key: text for key, text in look.items() if text}
+
+    @property
+    def n_frames(self) -> int:
+        return len(self.body.vertices)
 
     def with_surface(self, surface: Surface | None) -> Clip:
         """The same clip with the look and numbering of the file that its template came from."""
-        if surface is None:
-            return self
-        text = {"materials": "\n".join(surface.materials), "mtl": surface.mtl}
-        return replace(
-            self,
-            original_faces=surface.faces,
-            original_vertices=surface.vertices,
-            uvs=surface.uvs,
-            uv_faces=surface.uv_faces,
-            face_materials=surface.face_materials,
-            info=self.info | {key: value for key, value in text.items() if value},
-        )
+        return self if surface is None else replace(self, template=replace(self.template, surface=surface))
 
     @property
-    def template(self) -> Mesh:
-        """The garment in the body's rest pose, with its surface."""
-        return Mesh(self.template_vertices, self.garment_faces, source=self.name, surface=self.surface)
+    def template_mesh(self) -> Mesh:
+        """The garment in the body's rest pose, with its surface, in float64 and called as the clip is."""
+        template = self.template
+        return Mesh(template.vertices, template.faces, source=self.name, surface=template.surface)
 
     def slice(self, frames: slice) -> Clip:
         """The same clip with only the frames of `frames`."""
-        cut = {key: getattr(self, key)[frames] for key in PER_FRAME if getattr(self, key) is not None}
-        return replace(self, **cut)
+        arrays = self.arrays()
+        cut = {key: values[frames] if key in PER_FRAME else values for key, values in arrays.items()}
+        return replace(self, **_parts(self.name, cut, self.template.surface))
 
     def with_garment(self, vertices: np.ndarray) -> Clip:
         """The same clip with other garment vertices, (T, N, 3): a prediction in place of the truth."""
-        return replace(self, garment_vertices=np.asarray(vertices, np.float32))
+        return replace(self, garment=Garment(np.asarray(vertices, np.float32)))
+
+
+def _parts(
+    name: str, arrays: Mapping[str, np.ndarray], look: Surface | tuple[tuple[str, ...], str] | None
+) -> dict[str, Any]:
+    """A clip's parts from its arrays; the surface's texts are those of `look`. Errors name the clip."""
+    materials, mtl = (look.materials, look.mtl) if isinstance(look, Surface) else look or ((), "")
+    try:
+        return parts_of(arrays, materials=materials, mtl=mtl)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from error
 
 
 def load_clip(path: str | Path) -> Clip:
@@ -201,13 +197,13 @@ def clip_parts(npz: Npz, path: Path, count: int) -> Iterator[Clip]:
         InputError: as `load_clip`.
     """
     present = check_clip_npz(npz, path)
-    constant = {key: npz.read(key) if key in present else None for key in STORED if key not in PER_FRAME}
+    constant = {key: npz.read(key) for key in present if key not in PER_FRAME}
     moving = [key for key in PER_FRAME if key in present]
     fps, info = float(npz.read("fps").reshape(())), with_found_textures(_texts(npz), path.parent)
     for rows in zip(*(npz.rows(key, count) for key in moving), strict=True):
-        values = dict.fromkeys(PER_FRAME) | constant | dict(zip(moving, rows, strict=True))
         try:
-            part = Clip(**values, fps=fps, info=info, name=path.stem)
+            arrays = constant | dict(zip(moving, rows, strict=True))
+            part = Clip.of_arrays(arrays, fps=fps, info=info, name=path.stem)
         except InputError as error:
             raise InputError(f"{path}: {str(error).removeprefix(f'{path.stem}: ')}") from error
         yield part
@@ -257,8 +253,7 @@ def written_clip(path: str | Path) -> Iterator[Callable[[Clip], None]]:
 
         def add(clip: Clip) -> None:
             nonlocal started
-            arrays = {key: getattr(clip, key) for key in STORED if getattr(clip, key) is not None}
-            for key, values in arrays.items():
+            for key, values in clip.arrays().items():
                 if key in PER_FRAME:
                     out.append(key, values)
                 elif not started:
@@ -280,10 +275,10 @@ def save_clip(path: str | Path, clip: Clip) -> Path:
 
 
 def stored_info(clip: Clip, folder: Path) -> dict[str, str]:
-    """What is written of a clip's `info` to a file in a folder, after its textures have been copied to there."""
+    """What is written of a clip's texts to a file in a folder, after its textures have been copied to there."""
 
     def write(place: str, content: bytes) -> None:
         with written_whole(folder / place) as temporary:
             temporary.write_bytes(content)
 
-    return {key: store_textures(text, write) if key == "mtl" else text for key, text in clip.info.items()}
+    return {key: store_textures(text, write) if key == "mtl" else text for key, text in clip.texts().items()}

@@ -146,8 +146,8 @@ class StoredReader:
             key: self._read(key, start, stop) if key in PER_FRAME else self._static[key] for key in self.keys
         }
         try:
-            return Clip(
-                **{key: values.get(key) for key in ARRAYS},  # type: ignore[arg-type]
+            return Clip.of_arrays(
+                values,
                 fps=self.attributes.fps,
                 info=with_found_textures(self.attributes.info, self.place.folder),
                 name=self.name,

@@ -7,7 +7,7 @@ import re
 from importlib.metadata import version
 from typing import Any
 
-from imgtransfer.data.clip import PER_FRAME, SKINNING, SURFACE
+from imgtransfer.data.clip_parts import PER_FRAME, SKINNING, SURFACE
 from render import InputError
 
 FORMAT, SCHEMA_VERSION = "imgtransfer-dataset", 2

@@ -18,18 +18,19 @@ def joint_transforms(clip: Clip) -> np.ndarray:
     Raises:
         InputError: the clip has neither, or they do not fit its blend weights.
     """
-    if clip.joint_transforms is not None:
-        transforms = clip.joint_transforms.astype(np.float64)
+    skeleton = clip.skeleton
+    if skeleton.joint_transforms is not None:
+        transforms = skeleton.joint_transforms.astype(np.float64)
     else:
-        missing = [k for k in ("poses", "trans", "joints_rest", "parents") if getattr(clip, k) is None]
+        missing = [k for k in ("poses", "trans", "joints_rest", "parents") if getattr(skeleton, k) is None]
         if missing:
             raise InputError(
                 f"{clip.name}: no skinning; it lacks joint_transforms, and also {', '.join(missing)}"
             )
         transforms = _from_poses(clip)
-    if clip.blend_weights is not None and clip.blend_weights.shape[1] != transforms.shape[1]:
+    if skeleton.blend_weights is not None and skeleton.blend_weights.shape[1] != transforms.shape[1]:
         raise InputError(
-            f"{clip.name}: blend_weights have {clip.blend_weights.shape[1]} columns "
+            f"{clip.name}: blend_weights have {skeleton.blend_weights.shape[1]} columns "
             f"for {transforms.shape[1]} joints"
         )
     return transforms
@@ -56,8 +57,9 @@ def skin(rest: np.ndarray, weights: np.ndarray, transforms: np.ndarray) -> np.nd
 
 
 def _from_poses(clip: Clip) -> np.ndarray:
-    poses, trans = np.asarray(clip.poses, np.float64), np.asarray(clip.trans, np.float64)
-    joints, parents = np.asarray(clip.joints_rest, np.float64), np.asarray(clip.parents)
+    skeleton = clip.skeleton
+    poses, trans = np.asarray(skeleton.poses, np.float64), np.asarray(skeleton.trans, np.float64)
+    joints, parents = np.asarray(skeleton.joints_rest, np.float64), np.asarray(skeleton.parents)
     n_frames, n_joints = poses.shape[:2]
     if not n_joints == len(joints) == len(parents) or any(parent >= j for j, parent in enumerate(parents)):
         raise InputError(

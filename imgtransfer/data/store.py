@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from imgtransfer.data.arrays import write_array
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.location import place_at
@@ -219,7 +217,8 @@ class DataSet:
         garment = f"{name.partition('/')[0]}/{METADATA}"
         if not self.place.exists(garment):  # for other readers of Zarr
             self.place.write(garment, group_metadata({}))
-        arrays = {key: np.asarray(getattr(clip, key)) for key in ARRAYS if getattr(clip, key) is not None}
+        own = clip.arrays()
+        arrays = {key: own[key] for key in ARRAYS if key in own}
         for key in NEVER_ZERO:
             if key not in arrays:
                 continue
@@ -228,7 +227,8 @@ class DataSet:
                     f"{name}: {key}: frame {lost} is all zeros, which is no mesh; nothing is written"
                 )
         info = {
-            key: store_textures(text, self._keep) if key == "mtl" else text for key, text in clip.info.items()
+            key: store_textures(text, self._keep) if key == "mtl" else text
+            for key, text in clip.texts().items()
         }
         attributes = {
             "name": name,

@@ -44,9 +44,9 @@ class Case:
     @property
     def truth_vertices(self) -> np.ndarray:
         """(T, N, 3) the simulated garment; InputError for a clip that has only a body."""
-        if self.truth.garment_vertices is None:
+        if self.truth.garment is None:
             raise InputError(f"{self.truth.name}: has no garment_vertices to compare with")
-        return self.truth.garment_vertices
+        return self.truth.garment.vertices
 
     def error_mm(self, method: str) -> np.ndarray:
         """(T, N) distance of each vertex to the truth, millimetres."""
@@ -59,9 +59,9 @@ class Case:
             method: evaluate_clip(
                 self.vertices[method],
                 self.truth_vertices,
-                clip.garment_faces,
-                clip.body_vertices,
-                clip.body_faces,
+                clip.template.faces,
+                clip.body.vertices,
+                clip.body.faces,
             )
             for method in self.methods
         }

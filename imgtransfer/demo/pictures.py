@@ -35,19 +35,19 @@ def overview(cases: Sequence[Case]) -> Picture:
     clip, deformation = case.truth, case.maps[PRETRAINED]
     prediction = deformation.prediction
     imager = prediction.imager
-    body = prediction.frames.to_canonical(clip.body_vertices)[frame]
+    body = prediction.frames.to_canonical(clip.body.vertices)[frame]
     garment = prediction.frames.to_canonical(deformation.fused)[frame]
-    body_imager = TemplateImager.build(Mesh(clip.body_rest, clip.body_faces), cameras=imager.cameras)
+    body_imager = TemplateImager.build(Mesh(clip.body.rest, clip.body.faces), cameras=imager.cameras)
     posed = torch.from_numpy(body)
     upper = body[body[:, 1] > garment[:, 1].min() - 0.05]
     camera = picture_camera(np.concatenate([upper, garment]), size=(300, 300))
     rest = [
-        ShadedMesh(clip.body_rest, clip.body_faces, SKIN),
-        ShadedMesh(clip.template_vertices, clip.garment_faces),
+        ShadedMesh(clip.body.rest, clip.body.faces, SKIN),
+        ShadedMesh(clip.template.vertices, clip.template.faces),
     ]
     pictures = {
         "template": mesh_picture(rest, camera),
-        "posed body": mesh_picture([ShadedMesh(body, clip.body_faces, SKIN)], camera),
+        "posed body": mesh_picture([ShadedMesh(body, clip.body.faces, SKIN)], camera),
     }
     for name, maps, mask in (
         ("its positions", body_imager.position_maps(posed, prediction.box), body_imager.mask),
@@ -56,7 +56,7 @@ def overview(cases: Sequence[Case]) -> Picture:
         ("predicted normals", prediction.normals[frame], imager.mask),
     ):
         pictures[name] = _on_white(maps[0].numpy(), mask[0].numpy(), 300)
-    fused = [ShadedMesh(body, clip.body_faces, SKIN), ShadedMesh(garment, clip.garment_faces)]
+    fused = [ShadedMesh(body, clip.body.faces, SKIN), ShadedMesh(garment, clip.template.faces)]
     pictures["fused garment"] = mesh_picture(fused, camera)
     sheet = contact_sheet([list(pictures.values())], column_labels=list(pictures), gap=10)
     return Picture(sheet, f"{clip.name}, frame {frame}, front view, pretrained model")
@@ -65,7 +65,7 @@ def overview(cases: Sequence[Case]) -> Picture:
 def _farthest(case: Case) -> tuple[int, float]:
     """The frame in which the garment is farthest from the template on average, and that distance in metres."""
     canonical = case.maps[PRETRAINED].prediction.frames.to_canonical(case.truth_vertices)
-    distance = np.linalg.norm(canonical - case.truth.template_vertices, axis=-1).mean(axis=1)
+    distance = np.linalg.norm(canonical - case.truth.template.vertices, axis=-1).mean(axis=1)
     return int(distance.argmax()), float(distance.max())
 
 
@@ -109,12 +109,12 @@ def meshes(case: Case) -> Picture:
     methods = case.methods
     rows: list[list[np.ndarray]] = [[] for _ in range(1 + len(methods))]
     for frame in frames.astype(int):
-        body = ShadedMesh(clip.body_vertices[frame], clip.body_faces, SKIN)
-        truth = ShadedMesh(case.truth_vertices[frame], clip.garment_faces)
+        body = ShadedMesh(clip.body.vertices[frame], clip.body.faces, SKIN)
+        truth = ShadedMesh(case.truth_vertices[frame], clip.template.faces)
         camera = picture_camera(truth.vertices, size=(260, 230))
         rows[0].append(mesh_picture([body, truth], camera))
         for row, method in zip(rows[1:], methods, strict=True):
-            garment = ShadedMesh(case.vertices[method][frame], clip.garment_faces)
+            garment = ShadedMesh(case.vertices[method][frame], clip.template.faces)
             error = case.error_mm(method)[frame]
             row.append(error_picture(garment, error, limit_mm=LIMIT_MM, body=body, camera=camera))
     labels = ["simulated", *(f"{m}, mean {case.error_mm(m).mean():.1f} mm" for m in methods)]

@@ -74,14 +74,14 @@ class Inspection:
 def inspect_clip(clip: Clip) -> Inspection:
     """Measure every frame of a clip (distances to the body in `SAMPLED_FRAMES` of them) and judge it."""
     template = _template_findings(clip)
-    if clip.garment_vertices is None:
+    if clip.garment is None:
         return Inspection(clip.name, clip.fps, clip.n_frames, findings=tuple(template))
     strain = _strain(clip)
-    garment = _speed(clip.garment_vertices, clip.fps)
-    body = _speed(clip.body_vertices, clip.fps)
+    garment = _speed(clip.garment.vertices, clip.fps)
+    body = _speed(clip.body.vertices, clip.fps)
     sampled = np.unique(np.linspace(0, clip.n_frames - 1, SAMPLED_FRAMES).round().astype(int))
     inside, farthest, slid = _distances(clip, sampled)
-    jitter, jittery = _jitter(clip.garment_vertices, body)
+    jitter, jittery = _jitter(clip.garment.vertices, body)
     findings = [
         *_strain_findings(strain),
         *_distance_findings(sampled, inside, farthest, slid),
@@ -111,16 +111,16 @@ def inspect_clip(clip: Clip) -> Inspection:
 
 def _strain(clip: Clip) -> np.ndarray:
     """(T, 3): median, 99th percentile and maximum of |l / l₀ - 1|; edges without a length are left out."""
-    assert clip.garment_vertices is not None
-    edges = Mesh(clip.template_vertices, clip.garment_faces, clip.name).edges
+    assert clip.garment is not None
+    edges = Mesh(clip.template.vertices, clip.template.faces, clip.name).edges
 
     def lengths(points: np.ndarray) -> np.ndarray:
         return np.linalg.norm(points[..., edges[:, 1], :] - points[..., edges[:, 0], :], axis=-1)
 
-    rest = lengths(clip.template_vertices)
+    rest = lengths(clip.template.vertices)
     rows = []
     for start in range(0, clip.n_frames, _BLOCK):
-        stretched = lengths(clip.garment_vertices[start : start + _BLOCK])[..., rest > 0]
+        stretched = lengths(clip.garment.vertices[start : start + _BLOCK])[..., rest > 0]
         rows.append(np.percentile(np.abs(stretched / rest[rest > 0] - 1), (50, 99, 100), axis=-1).T)
     return np.concatenate(rows) if rest.any() else np.zeros((clip.n_frames, 3))
 
@@ -133,12 +133,12 @@ def _speed(vertices: np.ndarray, fps: float) -> np.ndarray:
 
 def _distances(clip: Clip, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`inside`, `farthest` and `slid` of `Inspection`, for the frames."""
-    assert clip.garment_vertices is not None
-    sdf = BodySdf(clip.body_faces, clip.body_vertices.shape[1])
-    hung, skin = cKDTree(clip.body_rest).query(clip.template_vertices)
+    assert clip.garment is not None
+    sdf = BodySdf(clip.body.faces, clip.body.vertices.shape[1])
+    hung, skin = cKDTree(clip.body.rest).query(clip.template.vertices)
     rows = []
     for frame in frames:
-        garment, body = clip.garment_vertices[frame], clip.body_vertices[frame]
+        garment, body = clip.garment.vertices[frame], clip.body.vertices[frame]
         distance = _signed(sdf, body, garment)
         away = np.linalg.norm(garment - body[skin], axis=-1)
         rows.append((100 * (distance < 0).mean(), distance.max(), np.median(np.abs(away - hung))))
@@ -221,13 +221,13 @@ def _speed_findings(garment: np.ndarray, body: np.ndarray) -> list[ClipFinding]:
 def _template_findings(clip: Clip) -> list[ClipFinding]:
     """What is wrong with the meshes in the rest pose."""
     findings = []
-    template, faces = clip.template_vertices, clip.garment_faces
-    heights = [float(np.ptp(points[:, 1])) for points in (template, clip.body_rest)]
+    template, faces = clip.template.vertices, clip.template.faces
+    heights = [float(np.ptp(points[:, 1])) for points in (template, clip.body.rest)]
     ratio = heights[0] / heights[1] if heights[1] else np.inf
     if not SIZE_RATIO[0] < ratio < SIZE_RATIO[1]:
         text = f"the template is {heights[0]:.3g} m high, the body {heights[1]:.3g} m: other units?"
         findings.append(ClipFinding(text))
-    distance = _signed(BodySdf(clip.body_faces, len(clip.body_rest)), clip.body_rest, template)
+    distance = _signed(BodySdf(clip.body.faces, len(clip.body.rest)), clip.body.rest, template)
     inside = 100 * float((distance < 0).mean())
     if inside > TEMPLATE_INSIDE_PERCENT:
         findings.append(ClipFinding(f"{inside:.1f} % of the template's vertices are inside the resting body"))

@@ -22,8 +22,8 @@ def lbs_baseline(clip: Clip) -> np.ndarray:
     Raises:
         InputError: the clip has no skinning.
     """
-    if clip.blend_weights is None:
+    if clip.skeleton.blend_weights is None:
         raise InputError(f"{clip.name}: no skinning; it lacks blend_weights, so it has no skinned baseline")
-    _, nearest = cKDTree(clip.body_rest).query(clip.template_vertices)
-    weights = clip.blend_weights[nearest]
-    return skin(clip.template_vertices, weights, joint_transforms(clip)).astype(np.float32)
+    _, nearest = cKDTree(clip.body.rest).query(clip.template.vertices)
+    weights = clip.skeleton.blend_weights[nearest]
+    return skin(clip.template.vertices, weights, joint_transforms(clip)).astype(np.float32)

@@ -46,19 +46,19 @@ def summarise(clip: Clip) -> ClipSummary:
     """
     chosen = np.unique(np.linspace(0, clip.n_frames - 1, SAMPLED_FRAMES).round().astype(int))
     strain = penetration = None
-    if clip.garment_vertices is not None:
-        garment = clip.garment_vertices[chosen]
-        stretched = np.abs(edge_strain(garment, clip.template_vertices, clip.garment_faces))
+    if clip.garment is not None:
+        garment = clip.garment.vertices[chosen]
+        stretched = np.abs(edge_strain(garment, clip.template.vertices, clip.template.faces))
         strain = 100 * float(np.median(stretched)), 100 * float(np.percentile(stretched, 99))
-        penetration = penetration_percent(garment, clip.body_vertices[chosen], clip.body_faces)
+        penetration = penetration_percent(garment, clip.body.vertices[chosen], clip.body.faces)
     return ClipSummary(
         name=clip.name,
         frames=clip.n_frames,
         fps=clip.fps,
-        garment_vertices=len(clip.template_vertices),
-        garment_faces=len(clip.garment_faces),
-        body_vertices=len(clip.body_rest),
-        body_faces=len(clip.body_faces),
+        garment_vertices=len(clip.template.vertices),
+        garment_faces=len(clip.template.faces),
+        body_vertices=len(clip.body.rest),
+        body_faces=len(clip.body.faces),
         strain=strain,
         penetration=penetration,
         sampled=len(chosen),

@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from imgtransfer.data.choice import choose
-from imgtransfer.data.clip import FLOATS, SKINNING, SURFACE, Clip
+from imgtransfer.data.clip import Clip
 from imgtransfer.data.store import DataSet, check_name
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.running.fingerprint import MADE, fingerprint, recorded
@@ -152,20 +152,18 @@ def _content(clip: Clip) -> str:
 
     def parts() -> Iterator[str | memoryview]:
         yield json.dumps([clip.fps, sorted(_told(clip).items())])
-        for key in dict.fromkeys((*FLOATS, *SKINNING, *SURFACE, "garment_faces", "body_faces")):
-            array = getattr(clip, key)
-            yield f"{key} {None if array is None else array.shape}"
-            if array is not None:
-                yield np.ascontiguousarray(array).data
+        for key, array in clip.arrays().items():
+            yield f"{key} {array.shape}"
+            yield np.ascontiguousarray(array).data
 
     return fingerprint(parts())
 
 
 def _told(clip: Clip) -> dict[str, str]:
-    """A clip's `info`; textures, which every store has in another place, count by their names."""
+    """A clip's texts; textures, which every store has in another place, count by their names."""
     return {
         key: change_paths(text, lambda path: Path(path).name if Path(path).is_absolute() else None)
         if key == "mtl"
         else text
-        for key, text in clip.info.items()
+        for key, text in clip.texts().items()
     }

@@ -119,12 +119,12 @@ class TransferModel(nn.Module):
         for clip in clips:
             self.check_garment(clip)
         body = self.body
-        if body is None or not same_faces(clips[0].body_faces, body.faces):
-            body = Mesh(clips[0].body_rest, clips[0].body_faces, clips[0].name)
+        if body is None or not same_faces(clips[0].body.faces, body.faces):
+            body = Mesh(clips[0].body.rest, clips[0].body.faces, clips[0].name)
         return BodyImager(
             self.imager,
             body,
-            shapes=[(clip.template_vertices, clip.body_rest) for clip in clips],
+            shapes=[(clip.template.vertices, clip.body.rest) for clip in clips],
             box=self.box,
             config=self.network,
             device=self.device,
@@ -225,14 +225,14 @@ class Predictor:
         self._body = model.body_imager(clip)
         self._tokens = model.encode_garment()
         of_another_shape = not same_template(clip, model.imager.mesh)
-        self._rest = clip.template_vertices.astype(np.float64) if of_another_shape else None
+        self._rest = clip.template.vertices.astype(np.float64) if of_another_shape else None
 
     @torch.no_grad()
     def __call__(self, clip: Clip) -> Prediction:
         """The maps of all frames of `clip`, in one batch: about `FRAMES_AT_ONCE` are wanted."""
         model = self._model
         frames = root_frames(clip, model.maps.root)
-        batch = torch.from_numpy(frames.to_canonical(clip.body_vertices)).to(model.device)
+        batch = torch.from_numpy(frames.to_canonical(clip.body.vertices)).to(model.device)
         images = model(self._body(batch), tokens=self._tokens)
         if not (images.positions.isfinite().all() and images.normals.isfinite().all()):
             raise InputError(

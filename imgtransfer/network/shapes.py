@@ -26,8 +26,8 @@ def same_faces(a: np.ndarray, b: np.ndarray) -> bool:
 
 def same_template(clip: Clip, template: Mesh) -> bool:
     """Whether the clip's garment is `template`, vertex by vertex to 1/100 mm."""
-    return same_faces(clip.garment_faces, template.faces) and np.allclose(
-        clip.template_vertices, template.vertices, rtol=0, atol=SAME_M
+    return same_faces(clip.template.faces, template.faces) and np.allclose(
+        clip.template.vertices, template.vertices, rtol=0, atol=SAME_M
     )
 
 
@@ -43,16 +43,16 @@ def check_clip(clip: Clip, template: Mesh, body: Mesh | None) -> None:
     """
     if same_template(clip, template):
         return
-    mine = f"({len(clip.template_vertices)} vertices, {len(clip.garment_faces)} faces)"
+    mine = f"({len(clip.template.vertices)} vertices, {len(clip.template.faces)} faces)"
     refused = f"{clip.name}: its garment {mine} is not the model's ({len(template.vertices)}, {len(template.faces)})"
-    if not same_faces(clip.garment_faces, template.faces):
+    if not same_faces(clip.template.faces, template.faces):
         raise InputError(f"{refused}; train a model on this garment")
     if body is None:
         raise InputError(f"{refused} in its one shape; a model trained anew is not bound to one")
-    if not same_faces(clip.body_faces, body.faces):
+    if not same_faces(clip.body.faces, body.faces):
         raise InputError(
             f"{refused} in its own shape, and its body is not the model's in another ({len(body.vertices)} "
-            f"vertices wanted, found {len(clip.body_rest)}, or other faces)"
+            f"vertices wanted, found {len(clip.body.rest)}, or other faces)"
         )
     if fault := misfit(clip, template, body):
         raise InputError(f"{refused} in any shape: {fault} the model; train a model on this garment")
@@ -71,7 +71,7 @@ def misfit(clip: Clip, template: Mesh, body: Mesh) -> str | None:
     Returns:
         a phrase that goes before the reference's name; None where nothing is wrong.
     """
-    mine, reference = clip.template_vertices.astype(np.float64), template.vertices
+    mine, reference = clip.template.vertices.astype(np.float64), template.vertices
     scale, turn = _similarity(reference, mine)
     shift = mine.mean(0) - reference.mean(0)
     left = _not_affine(reference, mine)
@@ -85,7 +85,7 @@ def misfit(clip: Clip, template: Mesh, body: Mesh) -> str | None:
     if np.hypot(shift[0], shift[2]) > _LEVEL_M or abs(shift[1]) > _HEIGHT_M:
         return f"its garment lies {100 * np.linalg.norm(shift):.0f} cm away, at rest, from that of"
     nearest = cKDTree(body.vertices).query(reference)[1]
-    apart = (mine - clip.body_rest[nearest]) - (reference - body.vertices[nearest])
+    apart = (mine - clip.body.rest[nearest]) - (reference - body.vertices[nearest])
     if np.linalg.norm(apart.mean(0)) > _OFF_BODY_M:
         off = 100 * np.linalg.norm(apart.mean(0))
         return f"its garment lies, on its body at rest, {off:.0f} cm off where it lies in"

@@ -54,7 +54,7 @@ def deform(
     prediction = model.predict(clip)
     inputs = FusionInputs(
         maps=DecodedMaps(prediction.metres(), decode_normals(prediction.normals)),
-        body=MovingSurface(prediction.frames.to_canonical(clip.body_vertices), clip.body_faces),
+        body=MovingSurface(prediction.frames.to_canonical(clip.body.vertices), clip.body.faces),
         rest=prediction.rest_vertices,
     )
     result = fuse(prediction.imager, inputs, config, progress=progress)

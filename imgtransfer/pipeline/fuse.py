@@ -24,6 +24,7 @@ from fusion import (
 )
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import written_clip
+from imgtransfer.data.clip_parts import Garment, Template
 from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames
 from imgtransfer.pipeline.folder import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REPORT_FILE
 from imgtransfer.pipeline.moving import Moved, Moving, Pins
@@ -222,9 +223,9 @@ def _surface(
 def _with_look(template: Mesh, body: Moving | None) -> Mesh:
     """The template with the texture coordinates and numbering of the body's clip, if that is of the same garment."""
     clip = body.still if body is not None else None
-    if clip is None or not np.array_equal(clip.garment_faces, template.faces):
+    if clip is None or not np.array_equal(clip.template.faces, template.faces):
         return template
-    return replace(template, surface=clip.surface)
+    return replace(template, surface=clip.template.surface)
 
 
 def _save_report(folder: Path, report: dict[str, Any], options: FuseOptions) -> None:
@@ -263,16 +264,11 @@ def _written_fused(
                 assert moved.clip is not None
                 clip = replace(
                     moved.clip,
-                    **constant,
-                    garment_vertices=vertices,
-                    original_faces=None,  # these and the next are those of the clip's own garment, perhaps another one
-                    original_vertices=None,
-                    uvs=None,
-                    uv_faces=None,
-                    face_materials=None,
+                    template=Template(constant["template_vertices"], template.faces, template.surface),
+                    garment=Garment(vertices),
                     info=moved.clip.info | record,
                 )
-                add_clip(clip.with_surface(template.surface))
+                add_clip(clip)
 
             yield add_to_clip
         return

@@ -138,7 +138,7 @@ def fuse_file(
 def _write_meshes(fused: Path, folder: Path, kind: MeshKind) -> None:
     """Write the garment of a fused.npz as one mesh file a frame; the folder appears whole or not at all."""
     reader = NpzReader(fused)
-    with written_mesh_frames(folder, reader.clip(0, 1).template, kind) as frames:
+    with written_mesh_frames(folder, reader.clip(0, 1).template_mesh, kind) as frames:
         for part in reader.parts(_TOGETHER):
-            assert part.garment_vertices is not None
-            frames.add(part.garment_vertices)
+            assert part.garment is not None
+            frames.add(part.garment.vertices)

@@ -141,16 +141,16 @@ def _rows(path: Path, name: str, count: int) -> Iterator[Moved]:
 
 def _of_clip(reader: Reader, path: Path, kind: Kind) -> Moving:
     still = reader.clip(0, 1)
-    if kind == "garment" and still.garment_vertices is None:
+    if kind == "garment" and still.garment is None:
         raise InputError(f"{path}: this clip has no garment_vertices, only a body")
 
     def parts(count: int) -> Iterator[Moved]:
         for clip in reader.parts(count):
-            vertices = clip.body_vertices if kind == "body" else clip.garment_vertices
-            assert vertices is not None
-            yield Moved(vertices, clip)
+            moving = clip.body if kind == "body" else clip.garment
+            assert moving is not None
+            yield Moved(moving.vertices, clip)
 
-    faces = still.body_faces if kind == "body" else still.garment_faces
+    faces = still.body.faces if kind == "body" else still.template.faces
     return Moving(faces, reader.n_frames, parts, still)
 
 

@@ -137,8 +137,9 @@ def _fingerprint(reader: Reader, model: str) -> str:
         for number, clip in enumerate(reader.parts(_TOGETHER)):
             if number == 0:
                 yield repr(clip.fps)
+            arrays = clip.arrays()
             for key in (*_STILL, *_MOVING) if number == 0 else _MOVING:
-                array = getattr(clip, key)
+                array = arrays.get(key)
                 yield f"{key} {None if array is None else (array.dtype.str, array.shape)}"
                 if array is not None:
                     yield np.ascontiguousarray(array).data

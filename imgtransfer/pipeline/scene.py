@@ -9,6 +9,7 @@ import numpy as np
 
 from imgtransfer.data.canonical import RootFrames, RootMode, root_frames
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import weld, weld_motion
 from render import InputError, Mesh, load_mesh
@@ -58,11 +59,11 @@ class Scene:
 
 def clip_scene(clip: Clip, root: RootMode) -> Scene:
     """A clip, seen in the canonical frame that `root` says."""
-    garment = Mesh(clip.template_vertices, clip.garment_faces, f"{clip.name}: garment")
-    body = Mesh(clip.body_rest, clip.body_faces, f"{clip.name}: body")
-    meshes = {"body": Moved(body, clip.body_vertices)}
-    if clip.garment_vertices is not None:
-        meshes["garment"] = Moved(garment, clip.garment_vertices)
+    garment = Mesh(clip.template.vertices, clip.template.faces, f"{clip.name}: garment")
+    body = Mesh(clip.body.rest, clip.body.faces, f"{clip.name}: body")
+    meshes = {"body": Moved(body, clip.body.vertices)}
+    if clip.garment is not None:
+        meshes["garment"] = Moved(garment, clip.garment.vertices)
     return Scene(clip.name, garment, meshes, root_frames(clip, root), clip.fps, range(clip.n_frames))
 
 
@@ -108,12 +109,11 @@ def mesh_scene(
         return Scene(name, garment.rest, {"garment": garment}, still, fps, range(count))
     dressed = _moved(load_mesh(body_template), body, axes, welding)
     clip = Clip(
-        template_vertices=garment.rest.vertices.astype(np.float32),
-        garment_faces=garment.rest.faces,
-        garment_vertices=garment.vertices,
-        body_rest=dressed.rest.vertices.astype(np.float32),
-        body_faces=dressed.rest.faces,
-        body_vertices=dressed.vertices,
+        template=Template(vertices=garment.rest.vertices.astype(np.float32), faces=garment.rest.faces),
+        garment=Garment(garment.vertices),
+        body=Body(
+            rest=dressed.rest.vertices.astype(np.float32), faces=dressed.rest.faces, vertices=dressed.vertices
+        ),
         fps=fps,
         name=name,
     )

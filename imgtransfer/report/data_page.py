@@ -121,13 +121,13 @@ def _picture(clip: Clip, count: int, flagged: Sequence[int], size: tuple[int, in
     spread = np.linspace(0, clip.n_frames - 1, count).round().astype(int)
     frames = sorted({*spread.tolist(), *flagged})
     roots = root_frames(clip, "heading")
-    bodies = roots.to_canonical(clip.body_vertices)[frames]
-    surfaces = [[ShadedMesh(body, clip.body_faces, SKIN)] for body in bodies]
+    bodies = roots.to_canonical(clip.body.vertices)[frames]
+    surfaces = [[ShadedMesh(body, clip.body.faces, SKIN)] for body in bodies]
     points = bodies.reshape(-1, 3)
-    if clip.garment_vertices is not None:
-        garments = roots.to_canonical(clip.garment_vertices)[frames]
+    if clip.garment is not None:
+        garments = roots.to_canonical(clip.garment.vertices)[frames]
         for shown, garment in zip(surfaces, garments, strict=True):
-            shown.append(ShadedMesh(garment, clip.garment_faces, CLOTH))
+            shown.append(ShadedMesh(garment, clip.template.faces, CLOTH))
         points = np.concatenate([points, garments.reshape(-1, 3)])
     camera = picture_camera(points, size=size)
     labels = [f"{frame} !" if frame in flagged else str(frame) for frame in frames]
@@ -157,7 +157,7 @@ def _cells(clip: Clip, measured: Inspection, split: str) -> tuple[str, ...]:
         strain = f"{np.median(measured.strain[:, 0]):.1f} / {measured.strain[:, 1].max():.0f}"
         speed = f"{measured.speed[:, 0].max(initial=0.0):.1f}"
         inside = f"{measured.inside.max():.2f}"
-    garment = f"{len(clip.template_vertices):,}"
+    garment = f"{len(clip.template.vertices):,}"
     frames = str(clip.n_frames)
     findings = str(len(measured.findings) or "")
     return split, frames, f"{clip.fps:g}", garment, strain, speed, inside, findings

@@ -45,10 +45,10 @@ def animated_glb(path: str | Path, clip: Clip, *, step: int = 1) -> Path:
     Raises:
         InputError: more than 4 GiB, which the format cannot hold.
     """
-    meshes = {"body": (clip.body_vertices, clip.body_faces)}
-    if clip.garment_vertices is not None:
-        meshes["garment"] = (clip.garment_vertices, clip.garment_faces)
-    looks = {"garment": clip.surface}
+    meshes = {"body": (clip.body.vertices, clip.body.faces)}
+    if clip.garment is not None:
+        meshes["garment"] = (clip.garment.vertices, clip.template.faces)
+    looks = {"garment": clip.template.surface}
     frames = np.arange(0, clip.n_frames, step)
     n_vertices = sum(vertices.shape[1] for vertices, _ in meshes.values())
     # Targets, and the weights of each frame.

@@ -9,6 +9,7 @@ import numpy as np
 
 from fusion import BodySdf
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig, TemplateConfig
 from imgtransfer.motions.motion import Motion
@@ -63,14 +64,11 @@ def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tupl
     else:
         raise Rejected(f"{body_motion.name}: rejected after two attempts: {'; '.join(wrong)}")
     clip = Clip(
-        template_vertices=template,
-        garment_faces=pattern.faces.astype(np.int32),
-        garment_vertices=vertices,
-        body_rest=round_to_grid(dressed.rest),
-        body_faces=dressed.faces,
-        body_vertices=moved,
+        template=Template(vertices=template, faces=pattern.faces.astype(np.int32)),
+        garment=Garment(vertices),
+        body=Body(rest=round_to_grid(dressed.rest), faces=dressed.faces, vertices=moved),
         fps=body_motion.fps,
-        **body_motion.clip_fields(),
+        skeleton=body_motion.skeleton(),
         info={
             **body_motion.info(),
             "licence": config.licence,

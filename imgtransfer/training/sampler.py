@@ -46,7 +46,7 @@ class Frames:
         self._cache_bytes = cache_bytes
         chunks = np.array(self._cache.chunks)
         self._shape_of_frame = np.repeat(shape_of[chunks[:, 0]], chunks[:, 2] - chunks[:, 1])
-        self._bytes_per_frame = 12 * (len(self.first.template_vertices) + len(self.first.body_rest))
+        self._bytes_per_frame = 12 * (len(self.first.template.vertices) + len(self.first.body.rest))
 
     @classmethod
     def from_clips(cls, clips: Sequence[Clip], root: RootMode) -> Frames:
@@ -75,7 +75,7 @@ class Frames:
         """The number of the clip's shape; a new one is checked, and added to `shapes` and `known`."""
         first = self.shapes[0] if self.shapes else clip
         _check_same(clip, first)
-        key = clip.template_vertices.tobytes() + clip.body_rest.tobytes()
+        key = clip.template.vertices.tobytes() + clip.body.rest.tobytes()
         if key not in known:
             _check_shape(clip, first)
             known[key] = len(self.shapes)
@@ -115,16 +115,19 @@ class Frames:
 
     def _canonical(self, clip: Clip) -> tuple[np.ndarray, np.ndarray]:
         frames = root_frames(clip, self._root)
-        assert clip.garment_vertices is not None  # _check_same saw to it
-        return frames.to_canonical(clip.garment_vertices), frames.to_canonical(clip.body_vertices)
+        assert clip.garment is not None  # _check_same saw to it
+        return frames.to_canonical(clip.garment.vertices), frames.to_canonical(clip.body.vertices)
 
 
 def _check_same(clip: Clip, first: Clip) -> None:
     """Raise InputError unless the clip has a garment in motion, and garment and body have the faces of the first's."""
-    if clip.garment_vertices is None:
+    if clip.garment is None:
         raise InputError(f"{clip.name}: no garment_vertices; training needs the deformed garment")
-    for key in ("garment_faces", "body_faces"):
-        if not same_faces(getattr(clip, key), getattr(first, key)):
+    for key, faces, wanted in (
+        ("garment_faces", clip.template.faces, first.template.faces),
+        ("body_faces", clip.body.faces, first.body.faces),
+    ):
+        if not same_faces(faces, wanted):
             raise InputError(
                 f"{clip.name}: its {key} differ from those of {first.name}; one run trains on one garment and "
                 "one body, in any shapes; choose clips with data.train.names, such as [tshirt/*]"
@@ -133,6 +136,6 @@ def _check_same(clip: Clip, first: Clip) -> None:
 
 def _check_shape(clip: Clip, first: Clip) -> None:
     """Raise InputError unless the clip's garment and body may be the first's in another shape."""
-    template = Mesh(first.template_vertices, first.garment_faces, first.name)
-    if fault := misfit(clip, template, Mesh(first.body_rest, first.body_faces, first.name)):
+    template = Mesh(first.template.vertices, first.template.faces, first.name)
+    if fault := misfit(clip, template, Mesh(first.body.rest, first.body.faces, first.name)):
         raise InputError(f"{clip.name}: {fault} {first.name}; choose clips with data.train.names")

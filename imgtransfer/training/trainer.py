@@ -62,9 +62,9 @@ class Trainer:
         self.model = TransferModel(
             maps=config.maps,
             network=config.network,
-            template=Mesh(first.template_vertices, first.garment_faces, first.name),
+            template=Mesh(first.template.vertices, first.template.faces, first.name),
             box=PositionBox.around(self.train_frames.garment_bounds()),
-            body=Mesh(first.body_rest, first.body_faces, first.name),
+            body=Mesh(first.body.rest, first.body.faces, first.name),
         ).to(self.device)
         self._bodies = {
             id(f): self.model.body_imager(*f.shapes) for f in (self.train_frames, self.validation_frames)

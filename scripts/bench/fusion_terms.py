@@ -57,16 +57,16 @@ def fused(maps: MapFile, truth: Clip, config: FusionConfig, told: Mapping[str, b
     frames = RootFrames(maps.rotation, maps.translation)
     body = None
     if told.get("body"):
-        body = MovingSurface(frames.to_canonical(truth.body_vertices), truth.body_faces)
+        body = MovingSurface(frames.to_canonical(truth.body.vertices), truth.body.faces)
     reading = MapReading(positions_only=told.get("positions_only", False))
     return frames.to_world(fuse_maps(maps, FusionInputs(body=body), config, reading=reading).vertices)
 
 
 def with_true_normals(maps: MapFile, truth: Clip) -> MapFile:
     """The same predicted positions with normal maps of the truth."""
-    assert truth.garment_vertices is not None
+    assert truth.garment is not None
     imager = TemplateImager.build(maps.template, cameras=maps.cameras)
-    canonical = RootFrames(maps.rotation, maps.translation).to_canonical(truth.garment_vertices)
+    canonical = RootFrames(maps.rotation, maps.translation).to_canonical(truth.garment.vertices)
     return replace(maps, normal=imager.normal_maps(torch.from_numpy(canonical)).numpy())
 
 
@@ -80,7 +80,7 @@ def measure(
     }
     truths = {clip.name: clip for clip in open_clips(truth, names=list(predicted))}
     for clip in truths.values():
-        if clip.garment_vertices is None:
+        if clip.garment is None:
             raise InputError(f"{truth}: clip {clip.name} has no garment vertices to compare with")
     if true_normals:
         predicted = {name: with_true_normals(maps, truths[name]) for name, maps in predicted.items()}
@@ -93,10 +93,10 @@ def measure(
             values = []
             for name, maps in predicted.items():
                 clip = truths[name]
-                assert clip.garment_vertices is not None
+                assert clip.garment is not None
                 vertices = fused(maps, clip, settings, told)
                 metrics = evaluate_clip(
-                    vertices, clip.garment_vertices, clip.garment_faces, clip.body_vertices, clip.body_faces
+                    vertices, clip.garment.vertices, clip.template.faces, clip.body.vertices, clip.body.faces
                 )
                 values.append((metrics, clip.n_frames))
             overall = mean_over_frames(values)

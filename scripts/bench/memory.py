@@ -25,6 +25,7 @@ import torch
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from imgtransfer.data.clip import Clip, written_clip
+from imgtransfer.data.clip_parts import Body, Template
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
 from imgtransfer.pipeline.folder import MAPS_FILE
 from imgtransfer.training.checkpoint import save_model
@@ -92,12 +93,13 @@ def _peak_mb(words: list[str]) -> float:
 def _clip(garment: tuple[int, int], body: tuple[int, int]) -> Clip:
     cloth, inside = shapes.garment(*garment), shapes.body(*body)
     return Clip(
-        template_vertices=cloth.vertices.astype(np.float32),
-        garment_faces=cloth.faces,
-        garment_vertices=None,
-        body_rest=inside.vertices.astype(np.float32),
-        body_faces=inside.faces,
-        body_vertices=shapes.moved(inside.vertices, _REPEATED),
+        template=Template(vertices=cloth.vertices.astype(np.float32), faces=cloth.faces),
+        garment=None,
+        body=Body(
+            rest=inside.vertices.astype(np.float32),
+            faces=inside.faces,
+            vertices=shapes.moved(inside.vertices, _REPEATED),
+        ),
         fps=30.0,
         name="walk",
     )
@@ -108,8 +110,8 @@ def _model(clip: Clip) -> TransferModel:
     return TransferModel(
         maps=MapsConfig(size=SIZE),
         network=NetworkConfig.model_validate(NETWORK),
-        template=Mesh(clip.template_vertices, clip.garment_faces),
-        box=PositionBox.around(clip.template_vertices, margin=0.5),
+        template=Mesh(clip.template.vertices, clip.template.faces),
+        box=PositionBox.around(clip.template.vertices, margin=0.5),
     ).eval()
 
 

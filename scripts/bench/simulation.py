@@ -61,7 +61,7 @@ def _motion(name: str, garment: TShirtConfig, quick: bool) -> dict[str, float]:
     seconds = time.perf_counter() - started
     frames = len(motion.poses) + round(solver.warm_up_seconds * motion.fps)
     return {
-        "vertices": len(clip.template_vertices),
+        "vertices": len(clip.template.vertices),
         "frames_per_s": frames / seconds,
         "p99_stretch": quality.p99_stretch,
         "sunk_percent": quality.sunk_percent,

@@ -34,6 +34,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from imgtransfer.config.loader import load_config
 from imgtransfer.data import grid
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Skeleton, Template
 from imgtransfer.data.source import clip_refs
 from imgtransfer.data.store import DataSet
 from imgtransfer.training.config import RunConfig
@@ -73,7 +74,7 @@ def _store(path: Path, clip: Clip, *, clips: int, rounds: int) -> dict[str, floa
         data.write(f"tube/{number:02d}", clip, split="train")
     written = time.perf_counter() - started
     total = clips * clip.n_frames
-    frame_bytes = 12 * (len(clip.template_vertices) + len(clip.body_rest))
+    frame_bytes = 12 * (len(clip.template.vertices) + len(clip.body.rest))
     random = torch.from_numpy(np.random.default_rng(0).permutation(total))[: 16 * BATCH].split(BATCH)
 
     def frames(limit: float) -> Frames:
@@ -128,24 +129,27 @@ def _clip(garment: tuple[int, int], body: tuple[int, int], frames: int) -> Clip:
     """A synthetic clip on the grid; its root stands still."""
     cloth, inside = shapes.garment(*garment), shapes.body(*body)
     clip = Clip(
-        template_vertices=cloth.vertices.astype(np.float32),
-        garment_faces=cloth.faces,
-        garment_vertices=shapes.wrinkled(cloth, frames),
-        body_rest=inside.vertices.astype(np.float32),
-        body_faces=inside.faces,
-        body_vertices=shapes.moved(inside.vertices, frames),
+        template=Template(vertices=cloth.vertices.astype(np.float32), faces=cloth.faces),
+        garment=Garment(shapes.wrinkled(cloth, frames)),
+        body=Body(
+            rest=inside.vertices.astype(np.float32),
+            faces=inside.faces,
+            vertices=shapes.moved(inside.vertices, frames),
+        ),
         fps=30.0,
-        poses=np.zeros((frames, 1, 3), np.float32),
-        trans=np.zeros((frames, 3), np.float32),
-        joints_rest=np.zeros((1, 3), np.float32),
-        parents=np.array([-1]),
+        skeleton=Skeleton(
+            poses=np.zeros((frames, 1, 3), np.float32),
+            trans=np.zeros((frames, 3), np.float32),
+            joints_rest=np.zeros((1, 3), np.float32),
+            parents=np.array([-1]),
+        ),
         name="tube",
     )
-    assert clip.garment_vertices is not None
+    assert clip.garment is not None
     return replace(
         clip,
-        garment_vertices=grid.round_to_grid(clip.garment_vertices),
-        body_vertices=grid.round_to_grid(clip.body_vertices),
+        garment=Garment(grid.round_to_grid(clip.garment.vertices)),
+        body=replace(clip.body, vertices=grid.round_to_grid(clip.body.vertices)),
     )
 
 

@@ -35,6 +35,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from imgtransfer.config.loader import load_config
 from imgtransfer.data.clip import Clip, save_clip
+from imgtransfer.data.clip_parts import Body, Garment, Skeleton, Template
 from imgtransfer.network.attention import Attention
 from imgtransfer.network.decoder import Decoder
 from imgtransfer.network.local_frames import nearest_rotation
@@ -198,17 +199,20 @@ def _clip(garment: tuple[int, int], body: tuple[int, int], frames: int) -> Clip:
     """A synthetic clip; its root stands still."""
     cloth, inside = shapes.garment(*garment), shapes.body(*body)
     return Clip(
-        template_vertices=cloth.vertices.astype(np.float32),
-        garment_faces=cloth.faces,
-        garment_vertices=shapes.wrinkled(cloth, frames),
-        body_rest=inside.vertices.astype(np.float32),
-        body_faces=inside.faces,
-        body_vertices=shapes.moved(inside.vertices, frames),
+        template=Template(vertices=cloth.vertices.astype(np.float32), faces=cloth.faces),
+        garment=Garment(shapes.wrinkled(cloth, frames)),
+        body=Body(
+            rest=inside.vertices.astype(np.float32),
+            faces=inside.faces,
+            vertices=shapes.moved(inside.vertices, frames),
+        ),
         fps=30.0,
-        poses=np.zeros((frames, 1, 3), np.float32),
-        trans=np.zeros((frames, 3), np.float32),
-        joints_rest=np.zeros((1, 3), np.float32),
-        parents=np.array([-1]),
+        skeleton=Skeleton(
+            poses=np.zeros((frames, 1, 3), np.float32),
+            trans=np.zeros((frames, 3), np.float32),
+            joints_rest=np.zeros((1, 3), np.float32),
+            parents=np.array([-1]),
+        ),
         name="tube",
     )
 

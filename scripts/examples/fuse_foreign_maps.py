@@ -55,14 +55,14 @@ class Truth:
     @property
     def vertices(self) -> np.ndarray:
         """(T, N, 3) float32, metres."""
-        assert self.clip.garment_vertices is not None
-        return self.clip.garment_vertices
+        assert self.clip.garment is not None
+        return self.clip.garment.vertices
 
 
 def other_program(folder: Path, size: int, frames: slice) -> Truth:
     """Write template.obj, maps.npz and body.npz, as someone else's program might."""
     clip = open_clips(SAMPLE, names=[CLIP])[0].slice(frames)
-    template = Mesh(clip.template_vertices, clip.garment_faces)
+    template = Mesh(clip.template.vertices, clip.template.faces)
     truth = Truth(clip, TemplateImager.build(template, size=(size, size)))
     imager, points = truth.imager, torch.from_numpy(truth.vertices)
     mask = imager.mask.numpy()
@@ -77,7 +77,7 @@ def other_program(folder: Path, size: int, frames: slice) -> Truth:
     normals = disturbed((normals + 1) / 2, mask, size, NORMAL_NOISE / 2)
 
     trimesh.Trimesh(template.vertices, template.faces, process=False).export(folder / "template.obj")
-    np.savez(folder / "body.npz", body_faces=clip.body_faces, body_vertices=clip.body_vertices)
+    np.savez(folder / "body.npz", body_faces=clip.body.faces, body_vertices=clip.body.vertices)
     arrays: dict[str, Any] = {
         "format": "imgtransfer-maps",
         "format_version": 2,
@@ -129,8 +129,8 @@ def measured(vertices: np.ndarray, truth: Truth) -> list[float]:
         vertex_normals(torch.from_numpy(points).double(), faces) for points in (vertices, truth.vertices)
     ]
     angle = torch.rad2deg(torch.acos((normals[0] * normals[1]).sum(-1).clamp(-1, 1))).mean()
-    sdf = BodySdf(clip.body_faces, clip.body_vertices.shape[1])
-    sdf.update(clip.body_vertices)
+    sdf = BodySdf(clip.body.faces, clip.body.vertices.shape[1])
+    sdf.update(clip.body.vertices)
     inside = (sdf.query(torch.from_numpy(vertices)).distance < 0).double().mean()
     distance = np.linalg.norm(vertices - truth.vertices, axis=-1).mean()
     return [1000 * float(distance), float(angle), 100 * float(inside)]
@@ -138,8 +138,8 @@ def measured(vertices: np.ndarray, truth: Truth) -> list[float]:
 
 def picture(folder: Path, results: dict[str, np.ndarray], truth: Truth) -> np.ndarray:
     """The maps of one frame, its truth, and what the first and the last run made of it, coloured by the error."""
-    clip, frame, faces = truth.clip, len(truth.vertices) // 2, truth.clip.garment_faces
-    body = ShadedMesh(clip.body_vertices[frame], clip.body_faces, SKIN)
+    clip, frame, faces = truth.clip, len(truth.vertices) // 2, truth.clip.template.faces
+    body = ShadedMesh(clip.body.vertices[frame], clip.body.faces, SKIN)
     camera = picture_camera(truth.vertices[frame], size=(CELL, CELL))
     shown: dict[str, np.ndarray] = {}
     with np.load(folder / "maps.npz") as maps:

@@ -74,11 +74,11 @@ def posed_sheet(detail: str) -> np.ndarray:
             }
         )
         clip = simulate_clip(motion, config)[0]
-        assert clip.garment_vertices is not None
+        assert clip.garment is not None
         drawn = []
         for frame in FRAMES:
-            body, cloth = clip.body_vertices[frame], clip.garment_vertices[frame]
-            surfaces = [ShadedMesh(body, clip.body_faces, SKIN), ShadedMesh(cloth, clip.garment_faces)]
+            body, cloth = clip.body.vertices[frame], clip.garment.vertices[frame]
+            surfaces = [ShadedMesh(body, clip.body.faces, SKIN), ShadedMesh(cloth, clip.template.faces)]
             drawn.append(mesh_picture(surfaces, picture_camera(body, size=SIZE)))
         return drawn
 

@@ -71,9 +71,9 @@ def _write_ours(clip: Clip) -> None:
     Path("fusion.yaml").write_text(FUSION)
     Path("simulation.yaml").write_text(SIMULATION)
     Path("pins.txt").write_text("# the hem\n0 1 2, 3\n4\n")
-    np.savez("pins.npz", indices=np.arange(4), positions=clip.garment_vertices[:, :4])
-    np.savez("body.npz", body_faces=clip.body_faces, body_vertices=clip.body_vertices)
-    np.savez("start.npz", garment_faces=clip.garment_faces, garment_vertices=clip.garment_vertices)
+    np.savez("pins.npz", indices=np.arange(4), positions=clip.garment.vertices[:, :4])
+    np.savez("body.npz", body_faces=clip.body.faces, body_vertices=clip.body.vertices)
+    np.savez("start.npz", garment_faces=clip.template.faces, garment_vertices=clip.garment.vertices)
     cv2.imwrite("weave.png", np.full((4, 4, 3), 90, np.uint8))
 
 

@@ -29,10 +29,10 @@ MATERIALS = "newmtl cloth\nKd 0.8 0.1 0.1\nmap_Kd weave.png\n"
 
 def write_meshes(clip: Clip) -> None:
     """walk/ with OBJ frames, caches/ with PC2, mdd/ with MDD, and single meshes of every form."""
-    assert clip.garment_vertices is not None
+    assert clip.garment is not None
     parts = {
-        "garment": (clip.garment_vertices, clip.template_vertices, clip.garment_faces, "template"),
-        "body": (clip.body_vertices, clip.body_rest, clip.body_faces, "body_rest"),
+        "garment": (clip.garment.vertices, clip.template.vertices, clip.template.faces, "template"),
+        "body": (clip.body.vertices, clip.body.rest, clip.body.faces, "body_rest"),
     }
     for name, (moving, rest, faces, still) in parts.items():
         for frame, vertices in enumerate(moving):
@@ -43,20 +43,20 @@ def write_meshes(clip: Clip) -> None:
             write_obj(Path(f"{folder}/{still}.obj"), rest, faces)
     _write_textured(Path("walk/template.obj"), clip)
     _write_textured(Path("template.obj"), clip)
-    mesh = trimesh.Trimesh(clip.template_vertices, clip.garment_faces, process=False)
+    mesh = trimesh.Trimesh(clip.template.vertices, clip.template.faces, process=False)
     for ending in ("ply", "stl", "glb"):
         mesh.export(f"template.{ending}")
     Path("text.ply").write_bytes(trimesh.exchange.ply.export_ply(mesh, encoding="ascii"))
-    for frame, vertices in enumerate(clip.garment_vertices):
-        write_obj(Path(f"frames/garment_{frame:04d}.obj"), vertices, clip.garment_faces)
+    for frame, vertices in enumerate(clip.garment.vertices):
+        write_obj(Path(f"frames/garment_{frame:04d}.obj"), vertices, clip.template.faces)
 
 
 def _write_textured(path: Path, clip: Clip) -> None:
     """The template with texture coordinates, a material library and its image."""
     lines = ["mtllib cloth.mtl\n"]
-    lines += [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in clip.template_vertices]
-    lines += [f"vt {x:.6g} {y:.6g}\n" for x, y, _ in clip.template_vertices]
-    lines += ["usemtl cloth\n"] + [f"f {a}/{a} {b}/{b} {c}/{c}\n" for a, b, c in clip.garment_faces + 1]
+    lines += [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in clip.template.vertices]
+    lines += [f"vt {x:.6g} {y:.6g}\n" for x, y, _ in clip.template.vertices]
+    lines += ["usemtl cloth\n"] + [f"f {a}/{a} {b}/{b} {c}/{c}\n" for a, b, c in clip.template.faces + 1]
     path.write_text("".join(lines))
     path.with_name("cloth.mtl").write_text(MATERIALS)
     path.with_name("weave.png").write_bytes(Path("weave.png").read_bytes())

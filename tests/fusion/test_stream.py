@@ -45,7 +45,7 @@ def test_files_give_what_arrays_give(folder, tmp_path, threads, batch):
     config = FusionConfig(**QUICK, batch_frames=batch)
     maps, clip = load_maps(folder / "long.npz"), load_clip(folder / "longer.npz")
     frames = RootFrames(maps.rotation, maps.translation)
-    want = fuse_maps(maps, inputs_of(body=(frames.to_canonical(clip.body_vertices), clip.body_faces)), config)
+    want = fuse_maps(maps, inputs_of(body=(frames.to_canonical(clip.body.vertices), clip.body.faces)), config)
     given = FuseInputs(body=open_moving(folder / "longer.npz", "body"))
     done = []
     report = fuse_into(
@@ -57,8 +57,8 @@ def test_files_give_what_arrays_give(folder, tmp_path, threads, batch):
         progress=done.append,
     )
     found = load_clip(tmp_path / "fused.npz")
-    np.testing.assert_array_equal(found.garment_vertices, frames.to_world(want.vertices))
-    np.testing.assert_array_equal(found.body_vertices, clip.body_vertices)
+    np.testing.assert_array_equal(found.garment.vertices, frames.to_world(want.vertices))
+    np.testing.assert_array_equal(found.body.vertices, clip.body.vertices)
     assert sum(done) == len(list((tmp_path / "meshes").iterdir())) == len(ORDER)
     for key in ("terms", "total", "iterations", "unseen_percent", "penetration_percent"):
         assert json.dumps(report[key]) == json.dumps(want.report[key])

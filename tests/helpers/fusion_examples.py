@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from fusion import DecodedMaps, FusionInputs, MovingSurface, PinnedVertices
 from fusion.inputs import Array
 from imgtransfer.data.clip import Clip, save_clip
+from imgtransfer.data.clip_parts import Body, Garment, Template
 from render import (
     MapFile,
     Mesh,
@@ -127,17 +128,14 @@ def write_example(folder: Path, frames: int) -> Clip:
 
     rest = np.asarray(body.vertices, np.float32)
     clip = Clip(
-        template_vertices=mesh.vertices.astype(np.float32),
-        garment_faces=mesh.faces,
-        garment_vertices=to_world(truth.numpy()),
-        body_rest=rest,
-        body_faces=np.asarray(body.faces),
-        body_vertices=to_world(leaning(rest, frames)),
+        template=Template(vertices=mesh.vertices.astype(np.float32), faces=mesh.faces),
+        garment=Garment(to_world(truth.numpy())),
+        body=Body(rest=rest, faces=np.asarray(body.faces), vertices=to_world(leaning(rest, frames))),
         fps=30.0,
         info={"licence": "CC0"},
     )
     save_clip(folder / "clip.npz", clip)
-    np.savez(folder / "body.npz", body_faces=clip.body_faces, body_vertices=clip.body_vertices)
+    np.savez(folder / "body.npz", body_faces=clip.body.faces, body_vertices=clip.body.vertices)
     lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
     (folder / "template.obj").write_text("\n".join(lines) + "\n")
     return clip

@@ -23,8 +23,8 @@ def model_for(clip: Clip) -> TransferModel:
     model = TransferModel(
         maps=MapsConfig(size=(64, 48)),
         network=NetworkConfig.model_validate(NETWORK),
-        template=Mesh(clip.template_vertices, clip.garment_faces),
-        box=PositionBox.around(clip.template_vertices, margin=0.5),
+        template=Mesh(clip.template.vertices, clip.template.faces),
+        box=PositionBox.around(clip.template.vertices, margin=0.5),
     )
     for network in (model.position_net, model.normal_net):
         torch.nn.init.normal_(network.decoder.to_image.weight, std=0.1)

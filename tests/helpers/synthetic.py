@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Skeleton, Template
 
 FPS = 30.0
 
@@ -64,18 +65,17 @@ def tube_clip(frames: int = 6, *, name: str = "tube/bend", girth: float = 1.0, t
     rippled = garment[None] + 0.004 * ripple[..., None] * outward
     garment_moves = _bend(rippled, bending_weights(garment, height), poses, trans, joints_rest)
     return Clip(
-        template_vertices=garment.astype(np.float32),
-        garment_faces=garment_faces,
-        garment_vertices=garment_moves,
-        body_rest=body,
-        body_faces=body_faces,
-        body_vertices=body_moves,
+        template=Template(vertices=garment.astype(np.float32), faces=garment_faces),
+        garment=Garment(garment_moves),
+        body=Body(rest=body, faces=body_faces, vertices=body_moves),
         fps=FPS,
-        poses=poses,
-        trans=trans,
-        joints_rest=joints_rest,
-        parents=np.array([-1, 0]),
-        blend_weights=bending_weights(body, height),
+        skeleton=Skeleton(
+            poses=poses,
+            trans=trans,
+            joints_rest=joints_rest,
+            parents=np.array([-1, 0]),
+            blend_weights=bending_weights(body, height),
+        ),
         info={"source": "synthetic", "units": "m"},
         name=name,
     )

@@ -75,8 +75,8 @@ def same(found: list[list[np.ndarray]]) -> bool:
 
 def simulated() -> list[np.ndarray]:
     clip = simulate_clip(make_motion("walk", seconds=0.2), short())[0]
-    assert clip.garment_vertices is not None
-    return [clip.template_vertices, clip.garment_vertices, clip.body_vertices]
+    assert clip.garment is not None
+    return [clip.template.vertices, clip.garment.vertices, clip.body.vertices]
 
 
 def garments() -> list[np.ndarray]:
@@ -88,20 +88,20 @@ def garments() -> list[np.ndarray]:
 
 def fused() -> list[np.ndarray]:
     clip = tube_clip(20)  # two batches and a half on one thread, three of seven frames on three
-    imager = TemplateImager.build(Mesh(clip.template_vertices, clip.garment_faces), size=(48, 32))
-    positions, normals = metric_maps(imager, torch.from_numpy(clip.garment_vertices))
+    imager = TemplateImager.build(Mesh(clip.template.vertices, clip.template.faces), size=(48, 32))
+    positions, normals = metric_maps(imager, torch.from_numpy(clip.garment.vertices))
     found = fuse(
-        imager, inputs_of(positions=positions, normals=normals, body=(clip.body_vertices, clip.body_faces))
+        imager, inputs_of(positions=positions, normals=normals, body=(clip.body.vertices, clip.body.faces))
     )
     return [found.initial, found.vertices]
 
 
 def measured() -> list[np.ndarray]:
     clip = tube_clip()
-    assert clip.garment_vertices is not None
-    predicted = clip.garment_vertices + np.float32(0.003) * np.sin(40 * clip.garment_vertices[..., ::-1])
+    assert clip.garment is not None
+    predicted = clip.garment.vertices + np.float32(0.003) * np.sin(40 * clip.garment.vertices[..., ::-1])
     values = evaluate_clip(
-        predicted, clip.garment_vertices, clip.garment_faces, clip.body_vertices, clip.body_faces
+        predicted, clip.garment.vertices, clip.template.faces, clip.body.vertices, clip.body.faces
     )
     return [np.array(list(values.values()))]
 

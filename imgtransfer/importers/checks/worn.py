@@ -19,12 +19,12 @@ def check_worn(clip: Clip, source: str, *, hint: str) -> None:
     Raises:
         InputError: it is beside the body, or most of it inside.
     """
-    if clip.garment_vertices is None:
+    if clip.garment is None:
         return
-    sdf = BodySdf(clip.body_faces, len(clip.body_rest))
+    sdf = BodySdf(clip.body.faces, len(clip.body.rest))
     for frame in sorted({0, clip.n_frames // 2, clip.n_frames - 1}):
-        sdf.update(clip.body_vertices[frame])
-        distance = sdf.distance(torch.from_numpy(clip.garment_vertices[frame])).numpy()
+        sdf.update(clip.body.vertices[frame])
+        distance = sdf.distance(torch.from_numpy(clip.garment.vertices[frame])).numpy()
         inside, apart = float((distance < -0.001).mean()), float(np.median(distance))
         if inside > 0.5 or apart > 0.4:
             what = (

@@ -22,6 +22,7 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Skeleton, Template
 from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_shape
@@ -96,19 +97,19 @@ def _clip(path: Path, model_of: Any, options: ImportOptions) -> Clip:
     body_rest = model.posed(info.betas, rest_pose, np.zeros((1, 3)))[0]
     seen = np.einsum("tba,tnb->tna", Rotation.from_rotvec(poses[:, :3]).as_matrix(), moved @ turn.T)
     clip = Clip(
-        template_vertices=(_rest(template.vertices, info.zrot, seen) + root).astype(np.float32),
-        garment_faces=template.faces,
-        garment_vertices=(moved @ turn.T + places[:, None]).astype(np.float32),
-        body_rest=body_rest,
-        body_faces=model.faces,
-        body_vertices=model.posed(info.betas, poses, places - root),
+        template=Template(
+            vertices=(_rest(template.vertices, info.zrot, seen) + root).astype(np.float32),
+            faces=template.faces,
+        ),
+        garment=Garment((moved @ turn.T + places[:, None]).astype(np.float32)),
+        body=Body(rest=body_rest, faces=model.faces, vertices=model.posed(info.betas, poses, places - root)),
         fps=options.fps or FPS,
-        poses=poses.reshape(len(poses), -1, 3).astype(np.float32),
-        trans=(places - root).astype(np.float32),
-        joints_rest=root[None].astype(
-            np.float32
-        ),  # the legs are apart in the rest pose, so only the root is known
-        parents=np.array([-1]),
+        skeleton=Skeleton(
+            poses=poses.reshape(len(poses), -1, 3).astype(np.float32),
+            trans=(places - root).astype(np.float32),
+            joints_rest=root[None].astype(np.float32),
+            parents=np.array([-1]),
+        ),
         info={"source": _SOURCE, "units": "m", "note": "garment positions were stored as 16-bit floats"},
         name=path.stem,
     ).with_surface(template.surface)

@@ -15,6 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
@@ -97,12 +98,9 @@ def _clip(source: Source, options: ImportOptions) -> Clip:
             "have the same frames"
         )
     clip = Clip(
-        template_vertices=garment.rest.vertices.astype(np.float32),
-        garment_faces=garment.rest.faces,
-        garment_vertices=garment.vertices,
-        body_rest=body.rest.vertices.astype(np.float32),
-        body_faces=body.rest.faces,
-        body_vertices=body.vertices,
+        template=Template(vertices=garment.rest.vertices.astype(np.float32), faces=garment.rest.faces),
+        garment=Garment(garment.vertices),
+        body=Body(rest=body.rest.vertices.astype(np.float32), faces=body.rest.faces, vertices=body.vertices),
         fps=float(options.fps or garment.fps or body.fps or FPS),
         info={"source": str(source.garment), "units": "m"},
         name=source.garment.stem,

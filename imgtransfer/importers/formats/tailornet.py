@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Skeleton, Template
 from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_shape, load_array, load_arrays
@@ -146,18 +147,24 @@ class _Garment:
             garment[part] = skinned(unskinned, self.cloth.weights, bones[part])
         trans = np.zeros((len(poses), 3), np.float32)
         clip = Clip(
-            template_vertices=(self.cloth.rest(betas) + self._rest(shape, style, moved)).astype(np.float32),
-            garment_faces=self.faces,
-            garment_vertices=garment,
-            body_rest=self.body.rest(betas).astype(np.float32),
-            body_faces=self.body.faces,
-            body_vertices=self.body.posed(betas, poses, trans),
+            template=Template(
+                vertices=(self.cloth.rest(betas) + self._rest(shape, style, moved)).astype(np.float32),
+                faces=self.faces,
+            ),
+            garment=Garment(garment),
+            body=Body(
+                rest=self.body.rest(betas).astype(np.float32),
+                faces=self.body.faces,
+                vertices=self.body.posed(betas, poses, trans),
+            ),
             fps=self.options.fps or FPS,
-            poses=poses.reshape(len(poses), -1, 3),
-            trans=trans,
-            joints_rest=self.body.joints(betas).astype(np.float32),
-            parents=self.body.parents,
-            blend_weights=self.body.weights.astype(np.float32),
+            skeleton=Skeleton(
+                poses=poses.reshape(len(poses), -1, 3),
+                trans=trans,
+                joints_rest=self.body.joints(betas).astype(np.float32),
+                parents=self.body.parents,
+                blend_weights=self.body.weights.astype(np.float32),
+            ),
             info={"source": _SOURCE, "units": "m", "note": "poses in an order, not in time; fps is nominal"},
             name=poses_file.stem,
         )

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Skeleton, Template
 from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_shape, load_arrays
@@ -106,18 +107,17 @@ def _clip(path: Path, template: Mesh, model: SmplModel, options: ImportOptions) 
     places = _UP.apply(trans + ROOT)
     body = model.posed(betas, poses.reshape(-1, 72), places - root)
     clip = Clip(
-        template_vertices=(template.vertices + root).astype(np.float32),
-        garment_faces=template.faces,
-        garment_vertices=_turned(turns.rotation, local, places),
-        body_rest=model.rest(betas).astype(np.float32),
-        body_faces=model.faces,
-        body_vertices=body,
+        template=Template(vertices=(template.vertices + root).astype(np.float32), faces=template.faces),
+        garment=Garment(_turned(turns.rotation, local, places)),
+        body=Body(rest=model.rest(betas).astype(np.float32), faces=model.faces, vertices=body),
         fps=options.fps or FPS,
-        poses=poses.astype(np.float32),
-        trans=(places - root).astype(np.float32),
-        joints_rest=model.joints(betas).astype(np.float32),
-        parents=model.parents,
-        blend_weights=model.weights.astype(np.float32),
+        skeleton=Skeleton(
+            poses=poses.astype(np.float32),
+            trans=(places - root).astype(np.float32),
+            joints_rest=model.joints(betas).astype(np.float32),
+            parents=model.parents,
+            blend_weights=model.weights.astype(np.float32),
+        ),
         info={"source": _SOURCE, "units": "m", "note": _NOTE},
         name=path.stem,
     ).with_surface(template.surface)

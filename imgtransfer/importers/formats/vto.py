@@ -22,6 +22,7 @@ import torch
 
 from fusion import BodySdf
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Skeleton, Template
 from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import as_array, check_shape
@@ -88,18 +89,21 @@ def _clip(path: Path, template: Mesh, model: SmplModel, sequence: str, options: 
         raise InputError(f"{path}: other triangles than {template.source}, whose vertex order it must have")
     poses, trans = _pose_and_place(model, betas, numbers, vertices)
     clip = Clip(
-        template_vertices=template.vertices.astype(np.float32),
-        garment_faces=faces,
-        garment_vertices=vertices,
-        body_rest=model.rest(betas).astype(np.float32),
-        body_faces=model.faces,
-        body_vertices=model.posed(betas, poses, trans),
+        template=Template(vertices=template.vertices.astype(np.float32), faces=faces),
+        garment=Garment(vertices),
+        body=Body(
+            rest=model.rest(betas).astype(np.float32),
+            faces=model.faces,
+            vertices=model.posed(betas, poses, trans),
+        ),
         fps=options.fps or FPS,
-        poses=poses.reshape(len(poses), -1, 3),
-        trans=trans,
-        joints_rest=model.joints(betas).astype(np.float32),
-        parents=model.parents,
-        blend_weights=model.weights.astype(np.float32),
+        skeleton=Skeleton(
+            poses=poses.reshape(len(poses), -1, 3),
+            trans=trans,
+            joints_rest=model.joints(betas).astype(np.float32),
+            parents=model.parents,
+            blend_weights=model.weights.astype(np.float32),
+        ),
         info={"source": _SOURCE, "units": "m"},
         name=path.stem,
     ).with_surface(template.surface)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from fusion import BodySdf
+from imgtransfer.data.clip_parts import Skeleton
 from imgtransfer.garments.garment import Garment
 from imgtransfer.simulation.cloth.model import ClothOnBody
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
@@ -75,8 +75,8 @@ class BodyMotion(ABC):
         """Cloth (T, N, 3) float32 in the movement's own frame -> in the world."""
 
     @abstractmethod
-    def clip_fields(self) -> dict[str, Any]:
-        """What a clip stores of the body beside its vertices, by the names of `Clip`."""
+    def skeleton(self) -> Skeleton:
+        """What a clip stores of the body beside its meshes."""
 
     @abstractmethod
     def info(self) -> dict[str, str]:

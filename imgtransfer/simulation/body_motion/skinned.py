@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from imgtransfer.bodies.config import BodyConfig, make_body
 from imgtransfer.bodies.skinned import BonePoses, SkinnedBody, skinned
+from imgtransfer.data.clip_parts import Skeleton
 from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig, garment_fingerprint
 from imgtransfer.garments.garment import make_garment
@@ -70,16 +70,16 @@ class SkinnedBodyMotion(BodyMotion):
     def placed(self, vertices: np.ndarray) -> np.ndarray:
         return vertices
 
-    def clip_fields(self) -> dict[str, Any]:
+    def skeleton(self) -> Skeleton:
         # Weights and transforms give the body before rounding, that is within 8 µm.
-        return {
-            "poses": self._motion.poses.astype(np.float32),
-            "trans": (self._bones.root - self._body.joints_rest[0]).astype(np.float32),
-            "joints_rest": self._body.joints_rest.astype(np.float32),
-            "parents": self._body.parents,
-            "blend_weights": self._body.blend_weights,
-            "joint_transforms": self._transforms.astype(np.float32),
-        }
+        return Skeleton(
+            poses=self._motion.poses.astype(np.float32),
+            trans=(self._bones.root - self._body.joints_rest[0]).astype(np.float32),
+            joints_rest=self._body.joints_rest.astype(np.float32),
+            parents=self._body.parents,
+            blend_weights=self._body.blend_weights,
+            joint_transforms=self._transforms.astype(np.float32),
+        )
 
     def info(self) -> dict[str, str]:
         return {

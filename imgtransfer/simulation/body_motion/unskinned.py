@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from imgtransfer.data.clip_parts import Skeleton
 from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig, TemplateConfig, garment_fingerprint
 from imgtransfer.garments.garment import template_garment
@@ -65,8 +65,8 @@ class MeshBodyMotion(BodyMotion):
     def placed(self, vertices: np.ndarray) -> np.ndarray:
         return ((vertices - self._centres[0]) @ self._heading.T + self._centres[1]).astype(np.float32)
 
-    def clip_fields(self) -> dict[str, Any]:
-        return {}
+    def skeleton(self) -> Skeleton:
+        return Skeleton()
 
     def info(self) -> dict[str, str]:
         return {

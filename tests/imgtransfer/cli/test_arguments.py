@@ -66,13 +66,13 @@ def test_a_clip_that_mirrors_joints_or_is_far_away_is_refused(tube_clip: Clip) -
 
     from render import InputError  # noqa: PLC0415
 
-    far = tube_clip.body_vertices.copy()
+    far = tube_clip.body.vertices.copy()
     far[2, 3, 1] = 2e4
     with pytest.raises(InputError, match=r"body_vertices: frame 2, vertex 3 is .* beyond ±10000 m"):
-        replace(tube_clip, body_vertices=far)
+        replace(tube_clip, body=replace(tube_clip.body, vertices=far))
     mirrors = np.tile(np.eye(3, 4, dtype=np.float32), (tube_clip.n_frames, 2, 1, 1))
     mirrors[1, 0, 2, 2] = -1
     with pytest.raises(InputError, match="joint_transforms: that of frame 1, joint 0 mirrors"):
-        replace(tube_clip, joint_transforms=mirrors)
+        replace(tube_clip, skeleton=replace(tube_clip.skeleton, joint_transforms=mirrors))
     with pytest.raises(InputError, match="fps is inf"):
         replace(tube_clip, fps=np.inf)

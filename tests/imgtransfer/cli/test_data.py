@@ -95,8 +95,8 @@ def test_export_of_frames_keeps_the_vertex_order(
         for name in ("body_0000", "body_0003", "body_rest", "garment_0000", "garment_0003", "template")
     ]
     mesh = trimesh.load(out / f"garment_0003.{kind}", process=False)
-    np.testing.assert_allclose(mesh.vertices, tube_clip.garment_vertices[3], atol=1e-6)
-    np.testing.assert_array_equal(mesh.faces, tube_clip.garment_faces)
+    np.testing.assert_allclose(mesh.vertices, tube_clip.garment.vertices[3], atol=1e-6)
+    np.testing.assert_array_equal(mesh.faces, tube_clip.template.faces)
 
 
 @pytest.mark.parametrize("kind", ["obj", "ply"])
@@ -110,7 +110,7 @@ def test_exported_frames_are_imported_again(tmp_path: Path, data: Path, tube_cli
     )
     clip = DataSet.open(back).read("tube/bend")
     for key in ("template_vertices", "garment_vertices", "body_rest", "body_vertices"):
-        assert np.allclose(getattr(clip, key), getattr(tube_clip, key), rtol=0, atol=1e-6), key
+        assert np.allclose(clip.arrays()[key], tube_clip.arrays()[key], rtol=0, atol=1e-6), key
 
 
 def test_export_of_an_animation(tmp_path: Path, data: Path) -> None:
@@ -141,7 +141,7 @@ def test_evaluate_prints_exactly_the_metrics_as_json(
 ) -> None:
     for name, shift in (("bend", 0.003), ("short", 0.006)):
         clip = load_clip(tmp_path / f"in/tube_{name}.npz")
-        moved = clip.with_garment(clip.garment_vertices + np.float32([0, shift, 0]))
+        moved = clip.with_garment(clip.garment.vertices + np.float32([0, shift, 0]))
         save_clip(tmp_path / f"out/tube__{name}/fused.npz", moved)
     capsys.readouterr()
     assert main(["evaluate", f"{tmp_path}/out", "--truth", str(data), "--json"]) == 0
@@ -157,7 +157,7 @@ def test_evaluate_prints_exactly_the_metrics_as_json(
 def test_evaluate_takes_the_fused_result_where_there_are_both(
     tmp_path: Path, data: Path, tube_clip: Clip, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    worse = tube_clip.with_garment(tube_clip.garment_vertices + np.float32([0, 0.01, 0]))
+    worse = tube_clip.with_garment(tube_clip.garment.vertices + np.float32([0, 0.01, 0]))
     save_clip(tmp_path / "out/tube__bend/fused.npz", tube_clip)
     save_clip(tmp_path / "out/tube__bend/position_only.npz", worse)
     for options, wanted in (([], 0), (["--method", "position_only"], 10)):
@@ -196,13 +196,13 @@ def test_evaluate_says_what_it_lacks(
     assert "no truth for the prediction of other" in one_error_line(
         capsys, "evaluate", tmp_path / "other.npz", "--truth", data
     )
-    np.savez(tmp_path / "other.npz", faces=tube_clip.garment_faces)
+    np.savez(tmp_path / "other.npz", faces=tube_clip.template.faces)
     assert "predicts nothing" in one_error_line(
         capsys, "evaluate", tmp_path / "other.npz", "--truth", tmp_path / "in/tube_bend.npz"
     )
     save_clip(tmp_path / "out/tube__bend/fused.npz", tube_clip.slice(slice(0, 2)))
     assert "not the same clip" in one_error_line(capsys, "evaluate", tmp_path / "out", "--truth", data)
-    bare = replace(tube_clip, blend_weights=None)
+    bare = replace(tube_clip, skeleton=replace(tube_clip.skeleton, blend_weights=None))
     save_clip(tmp_path / "bare.npz", bare)
     assert "no skinning" in one_error_line(
         capsys, "evaluate", "--baseline", "lbs", "--truth", tmp_path / "bare.npz"

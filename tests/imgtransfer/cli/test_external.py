@@ -27,7 +27,7 @@ def test_a_t_shirt_of_another_simulator_is_imported_rendered_fused_and_measured(
     unpack = [sys.executable, str(EXTERNAL / "unpack.py"), f"{tmp_path}/npz", f"{tmp_path}/packed"]
     subprocess.run(unpack, check=True, capture_output=True)
     clip = load_clip(tmp_path / "npz/tshirt_vb3_40.npz")
-    assert (clip.n_frames, len(clip.template_vertices)) == (75, 4424)
+    assert (clip.n_frames, len(clip.template.vertices)) == (75, 4424)
     save_clip(tmp_path / "tshirt_dance.npz", clip.slice(slice(0, 75, 25)))
 
     data, maps, fused = (str(tmp_path / name) for name in ("data", "maps", "fused"))

@@ -36,7 +36,7 @@ def error_mm(path, folder):
         return (
             1000
             * np.linalg.norm(
-                found["garment_vertices"] - load_clip(folder / "clip.npz").garment_vertices, axis=-1
+                found["garment_vertices"] - load_clip(folder / "clip.npz").garment.vertices, axis=-1
             ).mean()
         )
 
@@ -45,7 +45,7 @@ def test_a_clip_s_body_gives_a_clip_with_the_fused_garment_in_the_world(folder, 
     assert command(folder, "--body", folder / "clip.npz") == 0
     clip = load_clip(folder / "out" / "fused.npz")
     assert clip.info["licence"] == "CC0"
-    np.testing.assert_array_equal(clip.body_vertices, load_clip(folder / "clip.npz").body_vertices)
+    np.testing.assert_array_equal(clip.body.vertices, load_clip(folder / "clip.npz").body.vertices)
     assert (
         error_mm(folder / "out" / "fused.npz", folder) < 2.5
     )  # a pixel is 7 mm; through two frames of reference
@@ -100,9 +100,9 @@ def test_files_in_other_axes_and_units_give_the_same(folder):
     clip, quick = load_clip(folder / "clip.npz"), ("--config", folder / "fusion.yaml")
     for place, change in (("plain", lambda v: v), ("other", lambda v: 100 * v[:, [0, 2, 1]] * [1, -1, 1])):
         for name, faces, frames in (
-            ("template", clip.garment_faces, clip.template_vertices[None]),
-            ("body", clip.body_faces, clip.body_vertices),
-            ("initial", clip.garment_faces, clip.garment_vertices),
+            ("template", clip.template.faces, clip.template.vertices[None]),
+            ("body", clip.body.faces, clip.body.vertices),
+            ("initial", clip.template.faces, clip.garment.vertices),
         ):
             (folder / place / name).mkdir(parents=True)
             for k, vertices in enumerate(frames):
@@ -127,14 +127,14 @@ def test_a_split_template_is_welded_for_maps_of_the_welded_one(folder, tmp_path)
         tmp_path / "split.ply"
     )
     np.savez(tmp_path / "start.npz", garment_faces=np.arange(len(corners)).reshape(-1, 3),
-             garment_vertices=clip.garment_vertices[:, corners])  # fmt: skip
+             garment_vertices=clip.garment.vertices[:, corners])  # fmt: skip
     (tmp_path / "pins.txt").write_text(" ".join(str(k) for k in np.flatnonzero(corners < 3)))
     given = ("--template", tmp_path / "split.ply", "--weld", "--initial", tmp_path / "start.npz")
     assert command(folder, *given, "--pins", tmp_path / "pins.txt", *quick, "--meshes", "ply") == 0
     with np.load(folder / "out/fused.npz") as found:
         assert len(found["template_vertices"]) == len(mesh.vertices) < len(corners)
         held = np.linalg.norm(
-            found["garment_vertices"][0][:, None] - clip.garment_vertices[0][:3], axis=-1
+            found["garment_vertices"][0][:, None] - clip.garment.vertices[0][:3], axis=-1
         ).min(0)
         np.testing.assert_allclose(held, 0, atol=1e-6)
     written = load_mesh(sorted((folder / "out/meshes").iterdir())[0])
@@ -182,8 +182,11 @@ def spoil_body(folder, **changed):
 def predictions(folder):
     """What `predict` writes: folders a and b; the clip has skinning arrays and a garment that is not yet right."""
     clip = load_clip(folder / "clip.npz")
-    weights = np.full((len(clip.body_rest), 2), 0.5, np.float32)
-    clip = replace(clip, blend_weights=weights, poses=np.zeros((FRAMES, 2, 3), np.float32))
+    weights = np.full((len(clip.body.rest), 2), 0.5, np.float32)
+    clip = replace(
+        clip,
+        skeleton=replace(clip.skeleton, blend_weights=weights, poses=np.zeros((FRAMES, 2, 3), np.float32)),
+    )
     for name in ("a", "b"):
         save_clip(folder / "p" / name / "position_only.npz", clip)
         shutil.copy(folder / "maps.npz", folder / "p" / name)
@@ -206,8 +209,8 @@ def test_predictions_are_fused_in_their_folders_and_only_once(folder, prediction
         assert files == ["fused.npz", "fusion.json", "maps.npz", "position_only.npz"]
         assert error_mm(predictions / name / "fused.npz", folder) < 10
         fused = load_clip(predictions / name / "fused.npz")
-        assert fused.blend_weights.shape == (len(fused.body_rest), 2)
-        assert fused.poses.shape == (FRAMES, 2, 3)
+        assert fused.skeleton.blend_weights.shape == (len(fused.body.rest), 2)
+        assert fused.skeleton.poses.shape == (FRAMES, 2, 3)
         assert json.loads((predictions / name / "fusion.json").read_text())["config"]["edge_iterations"] == 3
 
     def again(*more, where=predictions):
@@ -238,7 +241,7 @@ def test_predictions_are_fused_in_their_folders_and_only_once(folder, prediction
     clip = load_clip(predictions / "b" / "position_only.npz")
     save_clip(
         predictions / "b" / "position_only.npz",
-        replace(clip, body_vertices=clip.body_vertices + np.float32(1e-4)),
+        replace(clip, body=replace(clip.body, vertices=clip.body.vertices + np.float32(1e-4))),
     )
     assert again() == {"b"}
     shutil.copy(folder / "fusion.yaml", predictions)
@@ -265,7 +268,7 @@ def test_meshes_of_predictions_that_stand_are_written_without_fusing_again(predi
     assert (predictions / "a" / "fused.npz").stat().st_ino == before
     mesh = load_mesh(predictions / "a" / "meshes" / "frame_0001.ply")
     fused = load_clip(predictions / "a" / "fused.npz")
-    np.testing.assert_allclose(mesh.vertices, fused.garment_vertices[1], atol=1e-6)
+    np.testing.assert_allclose(mesh.vertices, fused.garment.vertices[1], atol=1e-6)
 
 
 def test_a_stopped_fusion_goes_on(predictions, capsys, monkeypatch):

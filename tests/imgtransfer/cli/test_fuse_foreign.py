@@ -22,11 +22,11 @@ OBJ_FACES = "".join(f"f {a} {b} {c}\n" for a, b, c in tube().faces + 1)
 def folder(tmp_path):
     """What `write_example` writes, and initial.npz: the truth, 4 mm off in a smooth way."""
     clip = write_example(tmp_path, FRAMES)
-    wave = 0.004 * np.sin(40 * clip.template_vertices[:, [1, 2, 0]])
+    wave = 0.004 * np.sin(40 * clip.template.vertices[:, [1, 2, 0]])
     np.savez(
         tmp_path / "initial.npz",
-        garment_faces=clip.garment_faces,
-        garment_vertices=clip.garment_vertices + wave.astype(np.float32),
+        garment_faces=clip.template.faces,
+        garment_vertices=clip.garment.vertices + wave.astype(np.float32),
     )
     return tmp_path
 
@@ -52,7 +52,7 @@ def report(folder, out="out"):
 
 
 def error_mm(vertices, folder):
-    truth = load_clip(folder / "clip.npz").garment_vertices
+    truth = load_clip(folder / "clip.npz").garment.vertices
     return 1000 * np.linalg.norm(vertices - truth[: len(vertices)], axis=-1).mean()
 
 
@@ -87,9 +87,9 @@ def test_a_single_frame_takes_mesh_files_for_garment_and_body(folder):
         first = {name: stored[name][:1] for name in names}
     change_maps(folder, **first)
     clip = load_clip(folder / "clip.npz")
-    write_obj(folder / "start.obj", clip.garment_vertices[0])
-    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in clip.body_faces + 1)
-    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in clip.body_vertices[0])
+    write_obj(folder / "start.obj", clip.garment.vertices[0])
+    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in clip.body.faces + 1)
+    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in clip.body.vertices[0])
     (folder / "body.obj").write_text(vertices + faces)
     assert command(folder, "--body", folder / "body.obj", "--initial", folder / "start.obj") == 0
     assert fused(folder).shape[0] == 1
@@ -107,7 +107,7 @@ def test_both_solvers_are_at_hand(folder):
 
 
 def test_pinned_vertices_stay_where_they_are_put(folder):
-    truth = load_clip(folder / "clip.npz").garment_vertices
+    truth = load_clip(folder / "clip.npz").garment.vertices
     pins = np.array([0, 5, 40])
     places = truth[:, pins] + np.float32(0.003)
     np.savez(folder / "pins.npz", indices=pins, positions=places)
@@ -120,7 +120,7 @@ def test_pinned_vertices_stay_where_they_are_put(folder):
 
 
 def test_one_place_for_all_frames_is_in_the_world(folder):
-    place = load_clip(folder / "clip.npz").garment_vertices[0, [7]]
+    place = load_clip(folder / "clip.npz").garment.vertices[0, [7]]
     np.savez(folder / "pins.npz", indices=np.array([7]), positions=place)
     assert command(folder, "--pins", folder / "pins.npz") == 0
     np.testing.assert_allclose(fused(folder)[:, 7], np.repeat(place, FRAMES, axis=0), atol=1e-5)
@@ -128,7 +128,7 @@ def test_one_place_for_all_frames_is_in_the_world(folder):
 
 def test_the_garment_stays_outside_of_one_worn_beneath(folder):
     clip = load_clip(folder / "clip.npz")
-    wide = clip.template_vertices * np.float32(
+    wide = clip.template.vertices * np.float32(
         [1.03, 1, 1.03]
     )  # 155 mm; the tube is folded down to about 145
     with np.load(folder / "maps.npz") as stored:
@@ -137,7 +137,7 @@ def test_the_garment_stays_outside_of_one_worn_beneath(folder):
     world = np.einsum("tab,tnb->tna", rotation, canonical) + translation[:, None]
     np.savez(
         folder / "inner.npz",
-        garment_faces=clip.garment_faces,
+        garment_faces=clip.template.faces,
         garment_vertices=world.astype(np.float32),
     )
     assert command(folder, "--inner", folder / "inner.npz") == 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +12,7 @@ import trimesh
 
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, save_clip
+from imgtransfer.data.clip_parts import Skeleton
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.pipeline.scene import Scene, mesh_scene
 from render import MapFile, load_maps
@@ -30,10 +31,10 @@ def clips(tmp_path: Path, tube_clip: Clip) -> Path:
 @pytest.fixture
 def meshes(tmp_path: Path, tube_clip: Clip) -> Path:
     """Garment and body of the clip at rest, and in motion in folders of their own, frame by frame."""
-    assert tube_clip.garment_vertices is not None
+    assert tube_clip.garment is not None
     for name, rest, frames, faces in (
-        ("shirt", tube_clip.template_vertices, tube_clip.garment_vertices, tube_clip.garment_faces),
-        ("body", tube_clip.body_rest, tube_clip.body_vertices, tube_clip.body_faces),
+        ("shirt", tube_clip.template.vertices, tube_clip.garment.vertices, tube_clip.template.faces),
+        ("body", tube_clip.body.rest, tube_clip.body.vertices, tube_clip.body.faces),
     ):
         (tmp_path / "meshes" / name).mkdir(parents=True)
         for place, vertices in (
@@ -72,8 +73,8 @@ def test_a_clip_becomes_maps_and_sheets(clips: Path, tmp_path: Path, tube_clip: 
     np.testing.assert_array_equal(maps.box_lo, body.box_lo)
     np.testing.assert_array_equal(maps.view_matrices, body.view_matrices)
     seen = maps.box.decode(maps.position[0][maps.mask]) @ maps.rotation[0].T + maps.translation[0]
-    assert tube_clip.garment_vertices is not None
-    truth = tube_clip.garment_vertices[1]
+    assert tube_clip.garment is not None
+    truth = tube_clip.garment.vertices[1]
     assert ((seen >= truth.min(0) - 1e-4) & (seen <= truth.max(0) + 1e-4)).all()
     for sheet in folder.glob("*.png"):
         assert cv2.imread(str(sheet)).std() > 10
@@ -95,11 +96,7 @@ def test_plain_meshes_with_a_body_give_the_clip_s_maps(meshes: Path, tmp_path: P
     body = ("--body", meshes / "body", "--body-template", meshes / "body.obj", "--root", "root")
     out = ("--fps", "30", "--out", tmp_path / "a")
     assert render(meshes / "shirt", "--template", meshes / "shirt.obj", *body, *out) == 0
-    bare = Clip(**{
-        key: getattr(tube_clip, key)
-        for key in ("template_vertices", "garment_faces", "garment_vertices", "body_rest", "body_faces",
-                    "body_vertices", "fps")
-    })  # fmt: skip
+    bare = replace(tube_clip, skeleton=Skeleton(), info={})
     save_clip(tmp_path / "shirt.npz", bare)  # meshes know no poses
     assert render(tmp_path / "shirt.npz", "--root", "root", "--out", tmp_path / "b") == 0
     for name in ("garment", "body"):
@@ -110,13 +107,13 @@ def test_plain_meshes_with_a_body_give_the_clip_s_maps(meshes: Path, tmp_path: P
 
 @pytest.mark.parametrize("kind", ["one file", "pattern", "folder of GLB"])
 def test_meshes_alone_stay_where_they_are(meshes: Path, tmp_path: Path, kind: str, tube_clip: Clip) -> None:
-    assert tube_clip.garment_vertices is not None
+    assert tube_clip.garment is not None
     source = {"one file": meshes / "shirt/f_02.ply", "pattern": f"{meshes}/shirt/f_0[2-4].ply"}.get(kind)
     if source is None:
         source = meshes / "glb"
         source.mkdir()
         for k in (2, 3, 4):
-            mesh = trimesh.Trimesh(tube_clip.garment_vertices[k], tube_clip.garment_faces, process=False)
+            mesh = trimesh.Trimesh(tube_clip.garment.vertices[k], tube_clip.template.faces, process=False)
             mesh.export(source / f"{k}.glb")
     assert render(source, "--template", meshes / "shirt.obj", "--out", tmp_path / "out") == 0
     (folder,) = (tmp_path / "out").iterdir()
@@ -125,15 +122,15 @@ def test_meshes_alone_stay_where_they_are(meshes: Path, tmp_path: Path, kind: st
     np.testing.assert_array_equal(maps.rotation[0], np.eye(3))
     assert maps.fps == 30
     assert maps.position is not None
-    seen, truth = maps.box.decode(maps.position[0][maps.mask]), tube_clip.garment_vertices[2]
+    seen, truth = maps.box.decode(maps.position[0][maps.mask]), tube_clip.garment.vertices[2]
     assert ((seen >= truth.min(0) - 1e-4) & (seen <= truth.max(0) + 1e-4)).all()
 
 
 def test_the_difference_of_two_sources_is_drawn_and_told(
     clips: Path, tmp_path: Path, tube_clip: Clip, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert tube_clip.garment_vertices is not None
-    moved = tube_clip.with_garment(tube_clip.garment_vertices + np.float32([0, 0.003, 0.004]))
+    assert tube_clip.garment is not None
+    moved = tube_clip.with_garment(tube_clip.garment.vertices + np.float32([0, 0.003, 0.004]))
     save_clip(tmp_path / "moved.npz", moved)
     argv = (clips / "bend.npz", "--against", tmp_path / "moved.npz", "--out", tmp_path / "out")
     assert render(*argv) == 0

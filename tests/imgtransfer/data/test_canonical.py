@@ -16,38 +16,49 @@ from render import InputError
 @pytest.mark.parametrize("mode", ["root", "heading"])
 def test_there_and_back(tube_clip: Clip, mode: str) -> None:
     frames = root_frames(tube_clip, mode)
-    back = frames.to_world(frames.to_canonical(tube_clip.garment_vertices))
-    np.testing.assert_allclose(back, tube_clip.garment_vertices, atol=1e-6)
+    back = frames.to_world(frames.to_canonical(tube_clip.garment.vertices))
+    np.testing.assert_allclose(back, tube_clip.garment.vertices, atol=1e-6)
 
 
 @pytest.mark.parametrize("mode", ["root", "heading"])
 def test_a_body_that_only_turns_and_walks_stays_at_rest(tube_clip: Clip, mode: str) -> None:
-    poses = tube_clip.poses.copy()
+    poses = tube_clip.skeleton.poses.copy()
     poses[:, 1] = 0
     turn = Rotation.from_rotvec(poses[:, 0]).as_matrix()
-    root = tube_clip.joints_rest[0]
-    body = np.einsum("tab,nb->tna", turn, tube_clip.body_rest - root) + root + tube_clip.trans[:, None]
-    walking = replace(tube_clip, poses=poses, body_vertices=body.astype(np.float32))
-    canonical = root_frames(walking, mode).to_canonical(walking.body_vertices)
-    np.testing.assert_allclose(canonical, np.broadcast_to(tube_clip.body_rest, canonical.shape), atol=1e-6)
+    root = tube_clip.skeleton.joints_rest[0]
+    body = (
+        np.einsum("tab,nb->tna", turn, tube_clip.body.rest - root) + root + tube_clip.skeleton.trans[:, None]
+    )
+    walking = replace(
+        tube_clip,
+        skeleton=replace(tube_clip.skeleton, poses=poses),
+        body=replace(tube_clip.body, vertices=body.astype(np.float32)),
+    )
+    canonical = root_frames(walking, mode).to_canonical(walking.body.vertices)
+    np.testing.assert_allclose(canonical, np.broadcast_to(tube_clip.body.rest, canonical.shape), atol=1e-6)
 
 
 def test_root_removes_the_tilt_and_heading_keeps_it(tube_clip: Clip) -> None:
     tilt, turn = Rotation.from_rotvec([0.4, 0, 0]), Rotation.from_rotvec([0, 1.1, 0])
-    poses = tube_clip.poses.copy()
+    poses = tube_clip.skeleton.poses.copy()
     poses[:, 0] = (turn * tilt).as_rotvec()
-    tilted = replace(tube_clip, poses=poses)
+    tilted = replace(tube_clip, skeleton=replace(tube_clip.skeleton, poses=poses))
     np.testing.assert_allclose(root_frames(tilted, "root").rotation[0], (turn * tilt).as_matrix(), atol=1e-6)
     np.testing.assert_allclose(root_frames(tilted, "heading").rotation[0], turn.as_matrix(), atol=1e-6)
 
 
 def test_a_clip_without_poses_gets_the_best_rigid_fit(tube_clip: Clip) -> None:
     turn, shift = Rotation.from_rotvec([0.3, -0.8, 0.2]), np.array([1.0, 2.0, 3.0])
-    body = (turn.apply(tube_clip.body_rest) + shift)[None].astype(np.float32)
-    still = replace(tube_clip, garment_vertices=None, body_vertices=body, poses=None, trans=None)
+    body = (turn.apply(tube_clip.body.rest) + shift)[None].astype(np.float32)
+    still = replace(
+        tube_clip,
+        garment=None,
+        body=replace(tube_clip.body, vertices=body),
+        skeleton=replace(tube_clip.skeleton, poses=None, trans=None),
+    )
     frames = root_frames(still, "root")
     np.testing.assert_allclose(frames.rotation[0], turn.as_matrix(), atol=1e-6)
-    np.testing.assert_allclose(frames.to_canonical(body)[0], tube_clip.body_rest, atol=1e-5)
+    np.testing.assert_allclose(frames.to_canonical(body)[0], tube_clip.body.rest, atol=1e-5)
 
 
 def test_heading_is_a_turn_about_the_vertical_whatever_the_rotation() -> None:
@@ -64,7 +75,7 @@ def test_a_body_upside_down_has_the_identity_as_heading() -> None:
 
 
 def test_results_that_are_not_finite_do_not_reach_the_world(tube_clip: Clip) -> None:
-    frames, vertices = root_frames(tube_clip, "root"), tube_clip.garment_vertices.copy()
+    frames, vertices = root_frames(tube_clip, "root"), tube_clip.garment.vertices.copy()
     vertices[4, 7] = np.nan
     with pytest.raises(InputError, match=r"frame 4, vertex 7 is .* not finite"):
         frames.to_world(vertices)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from imgtransfer.data.clip import Clip, load_clip, save_clip
+from imgtransfer.data.clip_parts import Garment
 from render import InputError
+from tests.helpers.clips import with_arrays
 
 
 def arrays_of(path: Path) -> dict[str, np.ndarray]:
@@ -32,17 +34,17 @@ def test_a_clip_comes_back_equal(clip_file: Path, tube_clip: Clip) -> None:
         "poses",
         "blend_weights",
     ):
-        np.testing.assert_array_equal(getattr(back, key), getattr(tube_clip, key))
-    assert back.joint_transforms is None
+        np.testing.assert_array_equal(back.arrays()[key], tube_clip.arrays()[key])
+    assert back.skeleton.joint_transforms is None
     assert (back.fps, back.info, back.name) == (30.0, {"source": "synthetic", "units": "m"}, "tube_bend")
 
 
 def test_a_slice_cuts_every_array_that_has_frames(tube_clip: Clip) -> None:
     cut = tube_clip.slice(slice(1, 5, 2))
     assert cut.n_frames == 2
-    np.testing.assert_array_equal(cut.trans, tube_clip.trans[[1, 3]])
-    np.testing.assert_array_equal(cut.garment_vertices, tube_clip.garment_vertices[[1, 3]])
-    assert cut.body_rest is tube_clip.body_rest
+    np.testing.assert_array_equal(cut.skeleton.trans, tube_clip.skeleton.trans[[1, 3]])
+    np.testing.assert_array_equal(cut.garment.vertices, tube_clip.garment.vertices[[1, 3]])
+    assert cut.body.rest is tube_clip.body.rest
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
@@ -96,11 +98,11 @@ def test_a_missing_array_is_named(tmp_path: Path, clip_file: Path, key: str) -> 
 )
 def test_arrays_that_do_not_fit_are_refused(tube_clip: Clip, key: str, value: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        replace(tube_clip, **{key: value})
+        with_arrays(tube_clip, **{key: value})
 
 
 def test_a_vertex_that_is_not_finite_is_named_with_its_frame(tube_clip: Clip) -> None:
-    vertices = tube_clip.garment_vertices.copy()
+    vertices = tube_clip.garment.vertices.copy()
     vertices[4, 7, 1] = np.inf
     with pytest.raises(InputError, match="garment_vertices: frame 4, vertex 7"):
         tube_clip.with_garment(vertices)
@@ -112,16 +114,19 @@ def test_no_frames_are_refused(tube_clip: Clip) -> None:
 
 
 def test_other_types_of_numbers_become_those_that_every_library_takes(tube_clip: Clip) -> None:
-    half = tube_clip.garment_vertices.astype(np.float16)
+    half = tube_clip.garment.vertices.astype(np.float16)
     clip = replace(
         tube_clip,
-        garment_vertices=half,
-        trans=tube_clip.trans.astype(">f8"),
-        body_faces=tube_clip.body_faces.astype(np.uint16),
-        parents=tube_clip.parents.astype(">i4"),
+        garment=Garment(half),
+        skeleton=replace(
+            tube_clip.skeleton,
+            trans=tube_clip.skeleton.trans.astype(">f8"),
+            parents=tube_clip.skeleton.parents.astype(">i4"),
+        ),
+        body=replace(tube_clip.body, faces=tube_clip.body.faces.astype(np.uint16)),
     )
     kinds = {
-        key: getattr(clip, key).dtype.str for key in ("garment_vertices", "trans", "body_faces", "parents")
+        key: clip.arrays()[key].dtype.str for key in ("garment_vertices", "trans", "body_faces", "parents")
     }
     native = np.dtype(np.int32).str[0]
     assert kinds == {
@@ -130,9 +135,9 @@ def test_other_types_of_numbers_become_those_that_every_library_takes(tube_clip:
         "body_faces": f"{native}i8",
         "parents": f"{native}i4",
     }
-    np.testing.assert_array_equal(clip.garment_vertices, half)
-    np.testing.assert_array_equal(clip.trans, tube_clip.trans)
-    assert clip.body_rest is tube_clip.body_rest
+    np.testing.assert_array_equal(clip.garment.vertices, half)
+    np.testing.assert_array_equal(clip.skeleton.trans, tube_clip.skeleton.trans)
+    assert clip.body.rest is tube_clip.body.rest
 
 
 @pytest.mark.parametrize(

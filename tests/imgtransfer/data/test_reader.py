@@ -37,7 +37,7 @@ def test_frames_are_those_of_the_clips_whatever_the_memory(source: Path, cache_b
     frames = frames_of(source, cache_bytes)
     clips = [synthetic.tube_clip(length) for length in LENGTHS.values()]
     garments = np.concatenate([root_frames(c, "root").to_canonical(_garment(c)) for c in clips])
-    bodies = np.concatenate([root_frames(c, "root").to_canonical(c.body_vertices) for c in clips])
+    bodies = np.concatenate([root_frames(c, "root").to_canonical(c.body.vertices) for c in clips])
     assert len(frames) == len(garments) == sum(LENGTHS.values())
     assert frames.n_chunks == 7
     for index in ([0], [69, 70, 102, 103, 166], [5, 150, 5, 31, 32], list(range(166, 160, -1))):
@@ -51,8 +51,8 @@ def test_frames_are_those_of_the_clips_whatever_the_memory(source: Path, cache_b
 
 
 def _garment(clip: Clip) -> np.ndarray:
-    assert clip.garment_vertices is not None
-    return clip.garment_vertices
+    assert clip.garment is not None
+    return clip.garment.vertices
 
 
 def test_what_fits_is_read_once(source: Path) -> None:

@@ -40,7 +40,12 @@ def test_a_clip_goes_to_npz_to_data_set_and_back_unchanged(
 
 
 def test_a_clip_without_a_garment_or_skinning_is_kept(tmp_path: Path, tube_clip: Clip) -> None:
-    bare = replace(tube_clip, garment_vertices=None, blend_weights=None, poses=None, trans=None, fps=29.97)
+    bare = replace(
+        tube_clip,
+        garment=None,
+        skeleton=replace(tube_clip.skeleton, blend_weights=None, poses=None, trans=None),
+        fps=29.97,
+    )
     data = DataSet.create(tmp_path / "data")
     data.write("tube/bare", bare, split="test")
     assert_same_clip(data.read("tube/bare"), bare)
@@ -77,7 +82,8 @@ def test_writing_again_replaces_the_clip(data_set: DataSet, tube_clip: Clip) -> 
 
 def test_a_failed_write_leaves_nothing(data_set: DataSet, tube_clip: Clip) -> None:
     bad = replace(tube_clip)
-    object.__setattr__(bad, "trans", np.array([{}], dtype=object))  # an array that Zarr cannot store
+    spoiled = replace(bad.skeleton, trans=np.array([{}], dtype=object))
+    object.__setattr__(bad, "skeleton", spoiled)  # an array that Zarr cannot store
     with pytest.raises(Exception):  # noqa: B017, PT011 - whatever Zarr raises
         data_set.write("tube/new", bad, split="train")
     assert data_set.names() == ["tube/bend", "tube/other"]

@@ -80,7 +80,7 @@ def test_a_flipped_bit_is_an_error(data: DataSet) -> None:
 def test_only_the_chunks_of_the_frames_are_read(data: DataSet, long_clip: Clip) -> None:
     (data.path / "tube/bend/garment_vertices/c/0/0/0").write_bytes(b"junk")
     part = data.reader("tube/bend").clip(32, 64)
-    assert np.array_equal(part.garment_vertices, long_clip.garment_vertices[32:64])
+    assert np.array_equal(part.garment.vertices, long_clip.garment.vertices[32:64])
     with pytest.raises(InputError, match="garment_vertices"):
         data.reader("tube/bend").clip(31, 33)
 
@@ -114,10 +114,10 @@ def test_parts_are_the_whole_from_a_store_an_npz_and_memory(
 
 
 def test_zeros_that_were_written_are_read(tmp_path: Path, long_clip: Clip) -> None:
-    still = replace(long_clip, trans=np.zeros((FRAMES, 3), np.float32))
+    still = replace(long_clip, skeleton=replace(long_clip.skeleton, trans=np.zeros((FRAMES, 3), np.float32)))
     data = DataSet.create(tmp_path / "still")
     data.write("tube/still", still, split="train")
-    assert np.array_equal(data.read("tube/still").trans, still.trans)
+    assert np.array_equal(data.read("tube/still").skeleton.trans, still.skeleton.trans)
 
 
 # writers that die, and writers at the same time
@@ -204,7 +204,7 @@ def test_a_clip_that_a_killed_writer_moved_aside_is_there_for_whoever_comes_next
     move_aside("ijklmnop")
     assert [ref.name for ref in clip_refs(data.path)] == ["tube/bend"]
     move_aside("qrstuvwx")
-    again = replace(long_clip, trans=long_clip.trans + 1)
+    again = replace(long_clip, skeleton=replace(long_clip.skeleton, trans=long_clip.skeleton.trans + 1))
     DataSet.open(data.path).write("tube/bend", again, split="train")
     assert_same_clip(data.read("tube/bend"), again)
     assert sorted(path.name for path in folder.iterdir()) == ["bend", "zarr.json"]
@@ -282,7 +282,7 @@ def version_1_array(folder: Path, values: np.ndarray) -> StoredArray:
 
 
 def test_arrays_of_version_1_are_read_by_frames(tmp_path: Path, long_clip: Clip) -> None:
-    values = long_clip.body_vertices.copy()
+    values = long_clip.body.vertices.copy()
     values[33:] = values[33]  # a chunk of zeros, which version 1 did not store
     stored = version_1_array(tmp_path, values)
     assert not (tmp_path / "c/2/0/0").exists()
@@ -294,7 +294,7 @@ def test_zeros_of_version_1_are_not_taken_for_a_mesh(data: DataSet, long_clip: C
     as_version_1(data)
     folder = data.path / "tube/bend/garment_vertices"
     shutil.rmtree(folder)
-    version_1_array(folder, long_clip.garment_vertices)
+    version_1_array(folder, long_clip.garment.vertices)
     assert_same_clip(DataSet.open(data.path).read("tube/bend"), long_clip)
     (folder / "c/0/0/0").unlink()
     with pytest.raises(InputError, match="garment_vertices: it reads as zeros: chunks are missing"):

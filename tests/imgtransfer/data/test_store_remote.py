@@ -64,7 +64,8 @@ def test_a_clip_in_object_storage_stands_only_when_whole(memory: str, tube_clip:
     data = DataSet.create(memory)
     data.write("tube/bend", tube_clip, split="train")
     bad = replace(tube_clip)
-    object.__setattr__(bad, "trans", np.array([{}], dtype=object))  # an array that Zarr cannot store
+    spoiled = replace(bad.skeleton, trans=np.array([{}], dtype=object))
+    object.__setattr__(bad, "skeleton", spoiled)  # an array that Zarr cannot store
     with pytest.raises(Exception):  # noqa: B017, PT011 - whatever Zarr raises
         data.write("tube/new", bad, split="train")
     assert data.names() == ["tube/bend"]
@@ -82,7 +83,7 @@ def test_a_web_server_is_read(served: str, chain: str, tmp_path: Path) -> None:
     assert data.names() == ["tube/bend"]
     clip = synthetic.tube_clip(40)
     assert_same_clip(data.read("tube/bend"), clip)
-    assert np.array_equal(data.reader("tube/bend").clip(35, 37).body_vertices, clip.body_vertices[35:37])
+    assert np.array_equal(data.reader("tube/bend").clip(35, 37).body.vertices, clip.body.vertices[35:37])
     with pytest.raises(InputError, match="web servers can only be read"):
         data.write("tube/new", clip, split="train")
     (tmp_path / "set/tube/bend/body_vertices/c/1/0/0").unlink()

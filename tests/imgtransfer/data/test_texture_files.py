@@ -118,10 +118,10 @@ def with_look(path):
 def load_mesh_surface(clip):
     from render.mesh.surface import Surface  # noqa: PLC0415
 
-    count = len(clip.garment_faces)
+    count = len(clip.template.faces)
     return Surface(
-        clip.garment_faces,
-        np.arange(len(clip.template_vertices)),
+        clip.template.faces,
+        np.arange(len(clip.template.vertices)),
         face_materials=np.zeros(count, np.int64),
         materials=("cloth",),
     )
@@ -138,11 +138,11 @@ def test_textures_are_kept_with_a_data_set_and_a_clip_file(tmp_path):
     (kept,) = (tmp_path / "moved/textures").glob("*/*")
     assert (kept.name, kept.read_bytes()) == ("my-weave.png", PNG)
     clip = DataSet.open(tmp_path / "moved").read("tube/bend")
-    assert clip.info["mtl"] == look(kept)
+    assert clip.template.surface.mtl == look(kept)
     (tmp_path / "file").mkdir()
     save_clip(tmp_path / "file/clip.npz", clip)
     (beside,) = (tmp_path / "file/textures").glob("*/*")
-    assert load_clip(tmp_path / "file/clip.npz").info["mtl"] == look(beside)
+    assert load_clip(tmp_path / "file/clip.npz").template.surface.mtl == look(beside)
     assert main(["import", str(tmp_path / "moved"), "--to", str(tmp_path / "new")]) == 0
     assert (
         main(["export", str(tmp_path / "new"), "--clip", "tube/bend", "--out", str(tmp_path / "frames")]) == 0

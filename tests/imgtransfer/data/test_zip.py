@@ -105,7 +105,7 @@ def test_only_the_chunks_that_hold_the_frames_are_read(packed: Path, monkeypatch
         type(place.file), "read", lambda self, spans: fetched.extend(spans) or read(self, spans)
     )
     clip = reader.clip(35, 37)
-    assert np.array_equal(clip.body_vertices, synthetic.tube_clip(40).body_vertices[35:37])
+    assert np.array_equal(clip.body.vertices, synthetic.tube_clip(40).body.vertices[35:37])
     with zipfile.ZipFile(packed) as archive:
         infos = [info for info in archive.infolist() if "/bend/" in info.filename and "/c/1" in info.filename]
     assert sorted(start for start, _ in fetched) == sorted(info.header_offset for info in infos)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -152,15 +153,15 @@ def test_deform_keeps_the_garment_out_of_the_body_and_ignores_the_truth(
 ) -> None:
     model = load_model(finished[0] / "run")
     result = deform(model, tube_clip)
-    bare = Clip(**{**vars(tube_clip), "garment_vertices": None})
+    bare = replace(tube_clip, garment=None)
     np.testing.assert_array_equal(deform(model, bare).fused, result.fused)
-    assert tube_clip.garment_vertices is not None
+    assert tube_clip.garment is not None
     measured = evaluate_clip(
         result.fused,
-        tube_clip.garment_vertices,
-        tube_clip.garment_faces,
-        tube_clip.body_vertices,
-        tube_clip.body_faces,
+        tube_clip.garment.vertices,
+        tube_clip.template.faces,
+        tube_clip.body.vertices,
+        tube_clip.body.faces,
     )
     assert measured["penetration_percent"] == 0
 

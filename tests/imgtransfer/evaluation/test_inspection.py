@@ -12,6 +12,7 @@ import pytest
 
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Garment
 from imgtransfer.data.store import DataSet
 from imgtransfer.evaluation.inspection import inspect_clip
 from imgtransfer.report.svg import line_plot
@@ -26,8 +27,8 @@ def clip() -> Clip:
 
 
 def spoilt(clip: Clip, change: Callable[[np.ndarray], object]) -> Clip:
-    assert clip.garment_vertices is not None
-    garment = clip.garment_vertices.copy()
+    assert clip.garment is not None
+    garment = clip.garment.vertices.copy()
     change(garment)
     return clip.with_garment(garment)
 
@@ -42,10 +43,17 @@ def test_a_good_clip_has_no_findings(clip: Clip) -> None:
 
 
 def test_measures_by_hand(clip: Clip) -> None:
-    garment = np.stack([clip.template_vertices * np.float32(1.5)] * 3)
+    garment = np.stack([clip.template.vertices * np.float32(1.5)] * 3)
     garment[1] += np.float32([0, 0.02, 0])  # 2 cm up and down again, at 30 frames a second: 0.6 m/s
-    body = np.repeat(clip.body_vertices[:1], 3, 0)
-    found = inspect_clip(replace(clip, body_vertices=body, garment_vertices=garment, poses=None, trans=None))
+    body = np.repeat(clip.body.vertices[:1], 3, 0)
+    found = inspect_clip(
+        replace(
+            clip,
+            body=replace(clip.body, vertices=body),
+            garment=Garment(garment),
+            skeleton=replace(clip.skeleton, poses=None, trans=None),
+        )
+    )
     np.testing.assert_allclose(found.strain, 50, atol=1e-3)  # all edges are half as long again
     np.testing.assert_allclose(found.speed, [[0.6, 0], [0.6, 0]], atol=1e-5)
     assert found.jitter_mm == pytest.approx(40, abs=1e-3)  # |x0 - 2 x1 + x2| is twice 2 cm
@@ -93,25 +101,33 @@ def test_a_fault_is_named(clip: Clip, fault: Callable[[np.ndarray], object]) -> 
 
 
 def test_jitter_counts_only_while_the_body_rests(clip: Clip) -> None:
-    noise = np.random.default_rng(0).normal(0, 0.001, clip.garment_vertices.shape).astype(np.float32)
-    moving = inspect_clip(clip.with_garment(clip.garment_vertices + noise))
+    noise = np.random.default_rng(0).normal(0, 0.001, clip.garment.vertices.shape).astype(np.float32)
+    moving = inspect_clip(clip.with_garment(clip.garment.vertices + noise))
     assert moving.jitter_mm is None
     still = replace(
-        clip, body_vertices=np.repeat(clip.body_vertices[:1], FRAMES, 0), poses=None, trans=None
-    ).with_garment(clip.garment_vertices[:1] + noise)
+        clip,
+        body=replace(clip.body, vertices=np.repeat(clip.body.vertices[:1], FRAMES, 0)),
+        skeleton=replace(clip.skeleton, poses=None, trans=None),
+    ).with_garment(clip.garment.vertices[:1] + noise)
     (finding,) = inspect_clip(still).findings
     assert finding.text.startswith("jitters by 3.")  # sqrt(6) mm an axis, 3.9 mm in space
 
 
 def test_faults_of_the_meshes_are_named(clip: Clip) -> None:
-    centimetres = replace(clip, template_vertices=clip.template_vertices * 100, garment_vertices=None)
+    centimetres = replace(
+        clip, template=replace(clip.template, vertices=clip.template.vertices * 100), garment=None
+    )
     assert "the template is 60 m high, the body 1 m: other units?" in _texts(centimetres)
-    aside = replace(clip, template_vertices=clip.template_vertices + np.float32([2, 0, 0]))
+    aside = replace(
+        clip, template=replace(clip.template, vertices=clip.template.vertices + np.float32([2, 0, 0]))
+    )
     assert "from the resting body: not in the same place?" in _texts(aside)
-    inside = replace(clip, template_vertices=clip.template_vertices * np.float32([0.7, 1, 0.7]))
+    inside = replace(
+        clip, template=replace(clip.template, vertices=clip.template.vertices * np.float32([0.7, 1, 0.7]))
+    )
     assert "100.0 % of the template's vertices are inside the resting body" in _texts(inside)
-    twice = np.concatenate([clip.template_vertices, clip.template_vertices[:2]])
-    seams = replace(clip, template_vertices=twice, garment_vertices=None)
+    twice = np.concatenate([clip.template.vertices, clip.template.vertices[:2]])
+    seams = replace(clip, template=replace(clip.template, vertices=twice), garment=None)
     assert "2 of the template's vertices belong to no face" in _texts(seams)
     assert "2 of the template's vertices stand where another does: unwelded seams?" in _texts(seams)
 
@@ -122,7 +138,7 @@ def _texts(clip: Clip) -> str:
 
 def test_a_clip_of_one_frame_or_without_a_garment(clip: Clip) -> None:
     assert inspect_clip(clip.slice(slice(0, 1))).findings == ()
-    bare = inspect_clip(replace(clip, garment_vertices=None))
+    bare = inspect_clip(replace(clip, garment=None))
     assert (len(bare.strain), bare.findings) == (0, ())
 
 

@@ -26,16 +26,16 @@ def sphere(radius: float) -> tuple[np.ndarray, np.ndarray]:
 
 def measure(predicted: np.ndarray, clip: Clip) -> dict[str, float]:
     return evaluate_clip(
-        predicted, clip.garment_vertices, clip.garment_faces, clip.body_vertices, clip.body_faces
+        predicted, clip.garment.vertices, clip.template.faces, clip.body.vertices, clip.body.faces
     )
 
 
 def test_equal_meshes_have_no_error(tube_clip: Clip) -> None:
-    assert measure(tube_clip.garment_vertices, tube_clip) == dict.fromkeys(METRICS, 0.0)
+    assert measure(tube_clip.garment.vertices, tube_clip) == dict.fromkeys(METRICS, 0.0)
 
 
 def test_a_translated_mesh(tube_clip: Clip) -> None:
-    moved = tube_clip.garment_vertices.astype(np.float64) + np.array([0.003, 0.0, 0.004])
+    moved = tube_clip.garment.vertices.astype(np.float64) + np.array([0.003, 0.0, 0.004])
     found = measure(moved, tube_clip)
     assert found["rmse_mm"] == pytest.approx(5.0)
     assert found["rms_mm"] == pytest.approx(5.0)
@@ -103,8 +103,8 @@ def test_the_temporal_window_averages_the_true_lengths() -> None:
 
 
 def test_sted_combines_both_parts(tube_clip: Clip) -> None:
-    truth = tube_clip.garment_vertices
-    edges = Mesh(truth[0], tube_clip.garment_faces).edges
+    truth = tube_clip.garment.vertices
+    edges = Mesh(truth[0], tube_clip.template.faces).edges
     predicted = truth + np.random.default_rng(0).normal(0, 2e-3, truth.shape)
     spatial, temporal = sted_spatial(predicted, truth, edges), sted_temporal(predicted, truth)
     assert spatial > 0.01
@@ -114,9 +114,9 @@ def test_sted_combines_both_parts(tube_clip: Clip) -> None:
 
 @pytest.mark.parametrize("distance", [1, 2])
 def test_spatial_sted_equals_a_plain_loop(tube_clip: Clip, distance: int) -> None:
-    truth = tube_clip.garment_vertices[:2].astype(np.float64)
+    truth = tube_clip.garment.vertices[:2].astype(np.float64)
     predicted = truth + np.random.default_rng(1).normal(0, 2e-3, truth.shape)
-    edges = Mesh(truth[0], tube_clip.garment_faces).edges
+    edges = Mesh(truth[0], tube_clip.template.faces).edges
     neighbours = {v: {v} for v in range(truth.shape[1])}
     for a, b in edges:
         neighbours[a].add(b)
@@ -141,17 +141,17 @@ def test_a_rigidly_moved_prediction_has_no_sted_and_moving_both_changes_nothing(
     def moved(points: np.ndarray) -> np.ndarray:
         return turn.apply(points.astype(np.float64).reshape(-1, 3)).reshape(points.shape) + shift
 
-    truth = tube_clip.garment_vertices.astype(np.float64)
-    edges = Mesh(truth[0], tube_clip.garment_faces).edges
+    truth = tube_clip.garment.vertices.astype(np.float64)
+    edges = Mesh(truth[0], tube_clip.template.faces).edges
     assert sted(moved(truth), truth, edges) == pytest.approx(0.0, abs=1e-9)
     predicted = truth + np.random.default_rng(2).normal(0, 2e-3, truth.shape)
     still = measure(predicted, tube_clip)
     both = evaluate_clip(
         moved(predicted),
         moved(truth),
-        tube_clip.garment_faces,
-        moved(tube_clip.body_vertices),
-        tube_clip.body_faces,
+        tube_clip.template.faces,
+        moved(tube_clip.body.vertices),
+        tube_clip.body.faces,
     )
     assert both == pytest.approx(still, rel=1e-9)
 
@@ -166,7 +166,7 @@ def test_edges_of_no_length_and_single_frames_are_no_trouble() -> None:
 
 def test_clips_that_do_not_belong_together_are_refused(tube_clip: Clip) -> None:
     with pytest.raises(InputError, match="not the same clip"):
-        measure(tube_clip.garment_vertices[:3], tube_clip)
+        measure(tube_clip.garment.vertices[:3], tube_clip)
 
 
 def test_the_overall_mean_counts_frames() -> None:

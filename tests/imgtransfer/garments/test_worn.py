@@ -21,21 +21,21 @@ def test_a_skirt_stays_at_the_waist_of_a_shaped_body():
     assert clip.name == "skirt/squat_s1_anny5"
     assert clip.info["body"] == '{"seed":5}'
     body = make_body(config.body)
-    assert np.allclose(clip.body_rest, body.rest, atol=1e-5)
+    assert np.allclose(clip.body.rest, body.rest, atol=1e-5)
     garment = make_garment(body, config.garment, like=make_body())
-    assert np.array_equal(clip.garment_faces, garment.mesh.faces)
+    assert np.array_equal(clip.template.faces, garment.mesh.faces)
     # At rest the waistband is where it was put, and it moves with the skin.
     np.testing.assert_allclose(
-        clip.template_vertices[garment.pinned], garment.mesh.vertices[garment.pinned], atol=1e-4
+        clip.template.vertices[garment.pinned], garment.mesh.vertices[garment.pinned], atol=1e-4
     )
     for frame in (0, clip.n_frames - 1):
-        sdf = BodySdf(clip.body_faces, len(clip.body_rest))
-        sdf.update(clip.body_vertices[frame])
-        away = sdf.distance(torch.from_numpy(clip.garment_vertices[frame][garment.pinned]))
+        sdf = BodySdf(clip.body.faces, len(clip.body.rest))
+        sdf.update(clip.body.vertices[frame])
+        away = sdf.distance(torch.from_numpy(clip.garment.vertices[frame][garment.pinned]))
         assert away.min() > 0
         assert away.max() < 0.03
     # The rest hangs: it is free, and below the waist.
-    free = np.setdiff1d(np.arange(len(clip.template_vertices)), garment.pinned)
-    moved = np.linalg.norm(clip.template_vertices - garment.mesh.vertices, axis=1)[free]
+    free = np.setdiff1d(np.arange(len(clip.template.vertices)), garment.pinned)
+    moved = np.linalg.norm(clip.template.vertices - garment.mesh.vertices, axis=1)[free]
     assert np.median(moved) > 0.003
-    assert clip.garment_vertices[:, free, 1].max() < clip.garment_vertices[:, garment.pinned, 1].max() + 0.01
+    assert clip.garment.vertices[:, free, 1].max() < clip.garment.vertices[:, garment.pinned, 1].max() + 0.01

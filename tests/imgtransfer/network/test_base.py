@@ -21,8 +21,8 @@ def body_imager(clip: Clip, frame: str) -> tuple[TransferModel, BodyImager]:
     model = TransferModel(
         maps=MapsConfig(size=(64, 48)),
         network=NetworkConfig.model_validate(NETWORK | {"frame": frame}),
-        template=Mesh(clip.template_vertices, clip.garment_faces),
-        box=PositionBox.around(clip.template_vertices, margin=0.5),
+        template=Mesh(clip.template.vertices, clip.template.faces),
+        box=PositionBox.around(clip.template.vertices, margin=0.5),
     )
     return model, model.body_imager(clip)
 
@@ -30,7 +30,7 @@ def body_imager(clip: Clip, frame: str) -> tuple[TransferModel, BodyImager]:
 @pytest.mark.parametrize("frame", ["canonical", "body"])
 def test_the_guess_for_the_rest_body_is_the_template(tube_clip: Clip, frame: str) -> None:
     model, imager = body_imager(tube_clip, frame)
-    guess = imager(torch.from_numpy(tube_clip.body_rest)[None]).guess
+    guess = imager(torch.from_numpy(tube_clip.body.rest)[None]).guess
     assert guess is not None
     template = model.box.decode(model.garment_positions) * model.mask[..., None]
     normals = (model.garment_normals * 2 - 1) * model.mask[..., None]
@@ -43,7 +43,7 @@ def test_in_the_bodys_frames_the_guess_follows_a_rigid_motion(tube_clip: Clip) -
     model, imager = body_imager(tube_clip, "body")
     turn = Rotation.from_rotvec([0.5, -0.9, 0.7]).as_matrix().astype(np.float32)
     shift = np.float32([0.2, -0.1, 0.4])
-    moved = imager(torch.from_numpy(tube_clip.body_rest @ turn.T + shift)[None]).guess
+    moved = imager(torch.from_numpy(tube_clip.body.rest @ turn.T + shift)[None]).guess
     assert moved is not None
     assert moved.rotation is not None
     template = model.box.decode(model.garment_positions)[:, model.mask]
@@ -61,7 +61,7 @@ def test_in_the_bodys_frames_the_guess_follows_a_rigid_motion(tube_clip: Clip) -
 @pytest.mark.parametrize("frame", ["canonical", "body"])
 def test_a_batch_of_guesses_equals_its_frames(tube_clip: Clip, frame: str) -> None:
     _, imager = body_imager(tube_clip, frame)
-    vertices = torch.from_numpy(tube_clip.body_vertices)
+    vertices = torch.from_numpy(tube_clip.body.vertices)
     together = imager(vertices).guess
     assert together is not None
     for index, frame_vertices in enumerate(vertices):

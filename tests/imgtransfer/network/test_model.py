@@ -23,8 +23,8 @@ def model_with(clip: Clip, **maps: object) -> TransferModel:
     return TransferModel(
         maps=MapsConfig.model_validate({"size": (32, 40), **maps}),
         network=NetworkConfig.model_validate(NETWORK),
-        template=Mesh(clip.template_vertices, clip.garment_faces),
-        box=PositionBox.around(clip.template_vertices, margin=0.5),
+        template=Mesh(clip.template.vertices, clip.template.faces),
+        box=PositionBox.around(clip.template.vertices, margin=0.5),
     ).eval()
 
 
@@ -82,14 +82,14 @@ def test_the_bodys_layers_are_the_bodys_own_surfaces(tube_clip: Clip) -> None:
 
 @pytest.mark.parametrize("views", ["front", "front,back", "0/20,180/-10"])
 def test_views_from_front_and_back_at_any_height_can_be_mirrored(tube_clip: Clip, views: str) -> None:
-    mesh = Mesh(tube_clip.template_vertices, tube_clip.garment_faces)
+    mesh = Mesh(tube_clip.template.vertices, tube_clip.template.faces)
     imager = TemplateImager.build(mesh, views=views, layers=2, size=(32, 40))
     box = PositionBox.around(mesh.vertices)
     assert Mirror(imager, imager.mask, imager.mask, box).mask.shape == imager.mask.shape
 
 
 def test_views_from_the_sides_cannot_be_mirrored(tube_clip: Clip) -> None:
-    imager = TemplateImager.build(Mesh(tube_clip.template_vertices, tube_clip.garment_faces), views="four")
+    imager = TemplateImager.build(Mesh(tube_clip.template.vertices, tube_clip.template.faces), views="four")
     sides = [camera.name for camera in imager.cameras][2:]
     with pytest.raises(InputError, match="found " + ", ".join(sides)):
-        Mirror(imager, imager.mask, imager.mask, PositionBox.around(tube_clip.template_vertices))
+        Mirror(imager, imager.mask, imager.mask, PositionBox.around(tube_clip.template.vertices))

@@ -25,6 +25,7 @@ from imgtransfer.training.config import RunConfig
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.trainer import Trainer
 from render import InputError, Mesh, PositionBox, load_maps
+from tests.helpers.clips import with_arrays
 from tests.helpers.synthetic import tube_clip as make_clip
 
 NETWORK = {
@@ -48,7 +49,7 @@ def clips() -> tuple[Clip, Clip, Clip]:
 
 
 def body_of(clip: Clip) -> Mesh:
-    return Mesh(clip.body_rest, clip.body_faces, clip.name)
+    return Mesh(clip.body.rest, clip.body.faces, clip.name)
 
 
 def model_for(clip: Clip, *, frame: str = "body", body: bool = True) -> TransferModel:
@@ -57,8 +58,8 @@ def model_for(clip: Clip, *, frame: str = "body", body: bool = True) -> Transfer
     model = TransferModel(
         maps=MapsConfig(size=(64, 48)),
         network=NetworkConfig.model_validate(NETWORK | {"frame": frame}),
-        template=clip.template,
-        box=PositionBox.around(clip.template_vertices, margin=0.5),
+        template=clip.template_mesh,
+        box=PositionBox.around(clip.template.vertices, margin=0.5),
         body=body_of(clip) if body else None,
     )
     for network in (model.position_net, model.normal_net):
@@ -69,8 +70,8 @@ def model_for(clip: Clip, *, frame: str = "body", body: bool = True) -> Transfer
 @pytest.mark.parametrize("frame", FRAMES)
 def test_the_guess_for_a_rest_body_is_the_template_of_its_shape(clips: tuple[Clip, ...], frame: str) -> None:
     model = model_for(clips[0], frame=frame)
-    rest = torch.from_numpy(np.stack([clip.body_rest for clip in clips]))
-    templates = torch.from_numpy(np.stack([clip.template_vertices for clip in clips]))
+    rest = torch.from_numpy(np.stack([clip.body.rest for clip in clips]))
+    templates = torch.from_numpy(np.stack([clip.template.vertices for clip in clips]))
     guess = model.body_imager(*clips)(rest, torch.arange(3)).guess
     assert guess is not None
     positions, normals = metric_maps(model.imager, templates)
@@ -81,10 +82,10 @@ def test_the_guess_for_a_rest_body_is_the_template_of_its_shape(clips: tuple[Cli
 def test_the_guess_of_another_shape_follows_a_rigid_motion(clips: tuple[Clip, ...]) -> None:
     model = model_for(clips[0])
     turn = Rotation.from_rotvec([0.5, -0.9, 0.7]).as_matrix().astype(np.float32)
-    body = torch.from_numpy(clips[1].body_rest @ turn.T + np.float32(0.3))[None]
+    body = torch.from_numpy(clips[1].body.rest @ turn.T + np.float32(0.3))[None]
     guess = model.body_imager(*clips)(body, torch.tensor([1])).guess
     assert guess is not None
-    moved = torch.from_numpy(clips[1].template_vertices @ turn.T + np.float32(0.3))[None]
+    moved = torch.from_numpy(clips[1].template.vertices @ turn.T + np.float32(0.3))[None]
     torch.testing.assert_close(guess.positions, metric_maps(model.imager, moved)[0], rtol=0, atol=1e-5)
 
 
@@ -93,7 +94,7 @@ def test_a_batch_of_mixed_shapes_equals_its_frames(clips: tuple[Clip, ...], fram
     model = model_for(clips[0], frame=frame)
     imager = model.body_imager(*clips)
     order = [2, 0, 1, 0, 2]
-    vertices = torch.from_numpy(np.stack([clips[k].body_vertices[j % 3] for j, k in enumerate(order)]))
+    vertices = torch.from_numpy(np.stack([clips[k].body.vertices[j % 3] for j, k in enumerate(order)]))
     with torch.no_grad():
         together = model(imager(vertices, torch.tensor(order)))
         for index, shape in enumerate(order):
@@ -106,25 +107,34 @@ def test_a_batch_of_mixed_shapes_equals_its_frames(clips: tuple[Clip, ...], fram
 
 def zipped(clip: Clip) -> Clip:
     """The clip's template with its vertices in another order: another garment with the same faces."""
-    return replace(clip, template_vertices=np.random.default_rng(0).permutation(clip.template_vertices))
+    return replace(
+        clip,
+        template=replace(
+            clip.template, vertices=np.random.default_rng(0).permutation(clip.template.vertices)
+        ),
+    )
 
 
 def laid_down(clip: Clip) -> Clip:
     """z up."""
     return replace(
-        clip, template_vertices=clip.template_vertices[:, [0, 2, 1]] * np.float32([1, -1, 1]), name="odd"
+        clip,
+        template=replace(
+            clip.template, vertices=clip.template.vertices[:, [0, 2, 1]] * np.float32([1, -1, 1])
+        ),
+        name="odd",
     )
 
 
 def moved(clip: Clip, body: bool, *shift: float) -> Clip:
     """Template and perhaps rest body elsewhere."""
-    changed = {"template_vertices": clip.template_vertices + np.float32(shift)}
-    return replace(clip, **changed | ({"body_rest": clip.body_rest + np.float32(shift)} if body else {}))
+    changed = {"template_vertices": clip.template.vertices + np.float32(shift)}
+    return with_arrays(clip, **changed | ({"body_rest": clip.body.rest + np.float32(shift)} if body else {}))
 
 
 MISTAKES = {
     "centimetres": (
-        lambda c: replace(c, template_vertices=100 * c.template_vertices),
+        lambda c: with_arrays(c, template_vertices=100 * c.template.vertices),
         "times as large as that of",
     ),
     "another up axis": (laid_down, "turned by 90 degrees against that of"),
@@ -147,20 +157,22 @@ def test_what_is_no_other_shape_is_refused_in_one_line(clips: tuple[Clip, ...], 
 
 
 def test_people_of_different_shapes_are_let_through(clips: tuple[Clip, ...]) -> None:
-    template, body = clips[0].template, body_of(clips[0])
+    template, body = clips[0].template_mesh, body_of(clips[0])
     assert [misfit(clip, template, body) for clip in clips] == [None] * 3
 
 
 def test_other_faces_are_refused(clips: tuple[Clip, ...]) -> None:
     model, first = model_for(clips[0]), clips[0]
-    cut = replace(clips[1], garment_faces=clips[1].garment_faces[:-1], name="cut")
+    cut = replace(
+        clips[1], template=replace(clips[1].template, faces=clips[1].template.faces[:-1]), name="cut"
+    )
     with pytest.raises(InputError, match=r"cut: its garment \(192 vertices, 351 faces\) is not the model's"):
         model.check_garment(cut)
     with pytest.raises(
         InputError, match=r"cut: its garment_faces differ from those of plain; .*train\.names"
     ):
         Frames.from_clips([first, cut], "root")
-    other = replace(clips[1], body_faces=clips[1].body_faces[::-1], name="other")
+    other = replace(clips[1], body=replace(clips[1].body, faces=clips[1].body.faces[::-1]), name="other")
     with pytest.raises(InputError, match=r"other: its garment .* in its own shape, and its body is not the"):
         model.check_garment(other)
     with pytest.raises(InputError, match=r"other: its body_faces differ from those of plain; .*train\.names"):
@@ -170,9 +182,9 @@ def test_other_faces_are_refused(clips: tuple[Clip, ...]) -> None:
 def test_the_models_own_garment_may_be_worn_by_another_body_mesh(clips: tuple[Clip, ...]) -> None:
     """Imaged through its own rest body, as where the model knows no body."""
     clip = clips[0]
-    faces = clip.body_faces[::-1]
-    other = model_for(clip).predict(replace(clip, body_faces=faces))
-    unaware = model_for(clip, body=False).predict(replace(clip, body_faces=faces))
+    faces = clip.body.faces[::-1]
+    other = model_for(clip).predict(replace(clip, body=replace(clip.body, faces=faces)))
+    unaware = model_for(clip, body=False).predict(replace(clip, body=replace(clip.body, faces=faces)))
     assert torch.equal(other.positions, unaware.positions)
     assert other.rest_vertices is None
 
@@ -207,18 +219,18 @@ def test_predict_and_fuse_keep_the_clips_own_template(clips: tuple[Clip, ...], t
     assert main(["predict", str(tmp_path), str(tmp_path / "clips"), "--out", str(out)]) == 0
     assert load_maps(out / "plain" / "maps.npz").rest_vertices is None
     np.testing.assert_array_equal(
-        load_maps(out / "stout" / "maps.npz").rest.vertices, clips[1].template_vertices
+        load_maps(out / "stout" / "maps.npz").rest.vertices, clips[1].template.vertices
     )
     assert main(["fuse", str(out)]) == 0
     for clip in clips[:2]:
         for name in ("position_only.npz", "fused.npz"):
             written = load_clip(out / clip.name / name)
-            np.testing.assert_array_equal(written.template_vertices, clip.template_vertices)
+            np.testing.assert_array_equal(written.template.vertices, clip.template.vertices)
         lengths = [
-            np.linalg.norm(np.diff(vertices[..., clip.template.edges, :], axis=-2), axis=-1).mean()
+            np.linalg.norm(np.diff(vertices[..., clip.template_mesh.edges, :], axis=-2), axis=-1).mean()
             for vertices in (
-                load_clip(out / clip.name / "fused.npz").garment_vertices,
-                clip.template_vertices,
+                load_clip(out / clip.name / "fused.npz").garment.vertices,
+                clip.template.vertices,
             )
         ]
         assert lengths[0] == pytest.approx(lengths[1], rel=0.02)  # stout edges are 22 % longer on average
@@ -230,8 +242,8 @@ def test_frames_know_their_shape(clips: tuple[Clip, ...]) -> None:
     garment, body, shape = frames.read(torch.arange(len(frames)))
     assert shape.tolist() == [0] * 4 + [1] * 3 + [2] * 5 + [1] * 3
     assert torch.equal(garment[4:7], garment[12:])
-    assert garment.shape[1:] == clips[0].template_vertices.shape
-    assert body.shape[1:] == clips[0].body_rest.shape
+    assert garment.shape[1:] == clips[0].template.vertices.shape
+    assert body.shape[1:] == clips[0].body.rest.shape
 
 
 def test_shapes_are_known_over_chunks(tmp_path: Path) -> None:
@@ -298,10 +310,10 @@ def test_the_mirror_shows_the_mirrored_scene_of_every_shape(clips: tuple[Clip, .
 
 def test_the_skinned_baseline_takes_each_clips_own_shape(clips: tuple[Clip, ...]) -> None:
     for clip in clips:
-        assert clip.garment_vertices is not None
+        assert clip.garment is not None
         skinned = lbs_baseline(clip)
         found = evaluate_clip(
-            skinned, clip.garment_vertices, clip.garment_faces, clip.body_vertices, clip.body_faces
+            skinned, clip.garment.vertices, clip.template.faces, clip.body.vertices, clip.body.faces
         )
         assert found["rmse_mm"] < 12  # the ripple is 4 mm on average, 8 at most
 

@@ -35,25 +35,30 @@ def test_prediction_has_maps_of_every_frame(tube_clip: Clip) -> None:
 
 def test_prediction_does_not_look_at_the_garment(tube_clip: Clip) -> None:
     model = model_for(tube_clip)
-    without = model.predict(replace(tube_clip, garment_vertices=None))
+    without = model.predict(replace(tube_clip, garment=None))
     assert torch.equal(without.positions, model.predict(tube_clip).positions)
 
 
 def test_where_a_body_stands_and_faces_changes_nothing_in_the_maps(tube_clip: Clip) -> None:
     """A turn about the vertical and a shift of the clip are removed with the root, and come back in the frames."""
     model = model_for(tube_clip)
-    assert tube_clip.poses is not None
-    assert tube_clip.trans is not None
-    assert tube_clip.joints_rest is not None
+    assert tube_clip.skeleton.poses is not None
+    assert tube_clip.skeleton.trans is not None
+    assert tube_clip.skeleton.joints_rest is not None
     turn, shift = Rotation.from_rotvec([0.0, 1.1, 0.0]), np.array([3.0, 0.5, -2.0])
-    root = tube_clip.joints_rest[0]
-    poses = tube_clip.poses.copy()
+    root = tube_clip.skeleton.joints_rest[0]
+    poses = tube_clip.skeleton.poses.copy()
     poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
     moved = replace(
         tube_clip,
-        poses=poses,
-        trans=(turn.apply(tube_clip.trans + root) + shift - root).astype(np.float32),
-        body_vertices=(tube_clip.body_vertices @ turn.as_matrix().T + shift).astype(np.float32),
+        skeleton=replace(
+            tube_clip.skeleton,
+            poses=poses,
+            trans=(turn.apply(tube_clip.skeleton.trans + root) + shift - root).astype(np.float32),
+        ),
+        body=replace(
+            tube_clip.body, vertices=(tube_clip.body.vertices @ turn.as_matrix().T + shift).astype(np.float32)
+        ),
     )
     before, after = model.predict(tube_clip), model.predict(moved)
     torch.testing.assert_close(after.positions, before.positions, rtol=0, atol=1e-4)
@@ -65,7 +70,9 @@ def test_where_a_body_stands_and_faces_changes_nothing_in_the_maps(tube_clip: Cl
 def test_a_clip_with_another_garment_is_refused(tube_clip: Clip) -> None:
     model = model_for(tube_clip)
     other = replace(
-        tube_clip, template_vertices=tube_clip.template_vertices + np.float32(0.01), name="shifted"
+        tube_clip,
+        template=replace(tube_clip.template, vertices=tube_clip.template.vertices + np.float32(0.01)),
+        name="shifted",
     )
     with pytest.raises(InputError, match=r"shifted: its garment .* is not the model's"):
         model.predict(other)
@@ -100,18 +107,21 @@ def test_the_command_writes_maps_and_vertices(
     assert maps.position is not None
     np.testing.assert_array_equal(maps.position, prediction.positions.numpy())
     np.testing.assert_array_equal(maps.rotation, prediction.frames.rotation)
-    vertices = load_clip(tmp_path / "o" / "tube__bend" / "position_only.npz").garment_vertices
+    vertices = load_clip(tmp_path / "o" / "tube__bend" / "position_only.npz").garment.vertices
     assert vertices is not None
-    assert tube_clip.garment_vertices is not None
+    assert tube_clip.garment is not None
     # in the world frame, beside the true garment: an untrained model adds centimetres to the first guess
-    assert np.linalg.norm(vertices - tube_clip.garment_vertices, axis=-1).mean() < 0.1
+    assert np.linalg.norm(vertices - tube_clip.garment.vertices, axis=-1).mean() < 0.1
 
 
 def test_the_command_predicts_for_a_body_alone(tube_clip: Clip, tmp_path: Path) -> None:
     save_model(tmp_path / "model.safetensors", model_for(tube_clip))
-    save_clip(tmp_path / "walk.npz", replace(tube_clip, garment_vertices=None))
+    save_clip(
+        tmp_path / "walk.npz",
+        replace(tube_clip, garment=None),
+    )
     assert main(["predict", str(tmp_path), str(tmp_path / "walk.npz"), "--out", str(tmp_path / "o")]) == 0
-    assert load_clip(tmp_path / "o" / "walk" / "position_only.npz").garment_vertices is not None
+    assert load_clip(tmp_path / "o" / "walk" / "position_only.npz").garment is not None
 
 
 def test_the_command_leaves_what_the_same_model_predicted(
@@ -135,7 +145,10 @@ def test_the_command_leaves_what_the_same_model_predicted(
     assert writes_anew("--overwrite")
     (tmp_path / "o" / "walk" / "fused.npz").write_bytes(b"of the earlier prediction")
     save_clip(
-        tmp_path / "walk.npz", replace(tube_clip, body_vertices=tube_clip.body_vertices + np.float32(0.001))
+        tmp_path / "walk.npz",
+        replace(
+            tube_clip, body=replace(tube_clip.body, vertices=tube_clip.body.vertices + np.float32(0.001))
+        ),
     )
     assert writes_anew()
     assert not (tmp_path / "o" / "walk" / "fused.npz").exists()
@@ -188,7 +201,10 @@ def test_sigterm_leaves_nothing_half_written_and_a_lost_prediction_is_put_back(
 def test_the_command_refuses_another_garment_before_it_writes(tube_clip: Clip, tmp_path: Path) -> None:
     save_model(tmp_path / "model.safetensors", model_for(tube_clip))
     save_clip(tmp_path / "clips" / "a.npz", tube_clip)
-    wide = replace(tube_clip, template_vertices=tube_clip.template_vertices * np.float32(1.1))
+    wide = replace(
+        tube_clip,
+        template=replace(tube_clip.template, vertices=tube_clip.template.vertices * np.float32(1.1)),
+    )
     save_clip(tmp_path / "clips" / "b.npz", wide)
     assert main(["predict", str(tmp_path), str(tmp_path / "clips"), "--out", str(tmp_path / "o")]) == 2
     assert not (tmp_path / "o").exists()

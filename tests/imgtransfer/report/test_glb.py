@@ -13,8 +13,10 @@ import pytest
 import trimesh
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Garment, Skeleton
 from imgtransfer.report.glb import animated_glb
 from render import InputError
+from tests.helpers.clips import with_arrays
 
 
 def parse(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -49,8 +51,8 @@ def values(document: dict[str, Any], binary: bytes, accessor: int) -> np.ndarray
 def test_every_frame_comes_back_in_vertex_order(tmp_path: Path, tube_clip: Clip) -> None:
     document, binary = parse(animated_glb(tmp_path / "tube.glb", tube_clip, step=1))
     wanted = {
-        "body": (tube_clip.body_vertices, tube_clip.body_faces),
-        "garment": (tube_clip.garment_vertices, tube_clip.garment_faces),
+        "body": (tube_clip.body.vertices, tube_clip.body.faces),
+        "garment": (tube_clip.garment.vertices, tube_clip.template.faces),
     }
     assert [node["name"] for node in document["nodes"]] == ["body", "garment"]
     for node in document["nodes"]:
@@ -84,7 +86,7 @@ def test_the_animation_shows_frame_k_at_time_k(tmp_path: Path, tube_clip: Clip) 
 def test_long_clips_keep_every_frame(tmp_path: Path, tube_clip: Clip) -> None:
     many = np.arange(200) % tube_clip.n_frames
     per_frame = ("garment_vertices", "body_vertices", "poses", "trans")
-    long = replace(tube_clip, **{key: getattr(tube_clip, key)[many] for key in per_frame})
+    long = with_arrays(tube_clip, **{key: tube_clip.arrays()[key][many] for key in per_frame})
     document, _ = parse(animated_glb(tmp_path / "long.glb", long))
     assert [len(mesh["primitives"][0]["targets"]) for mesh in document["meshes"]] == [199, 199]
 
@@ -93,9 +95,9 @@ def test_more_than_the_format_holds_is_refused(tmp_path: Path, tube_clip: Clip) 
     frames = 30_000  # the weights alone: 2 meshes, 4 bytes, squared
     endless = replace(
         tube_clip,
-        garment_vertices=np.broadcast_to(tube_clip.garment_vertices[:1], (frames, 192, 3)),
-        body_vertices=np.broadcast_to(tube_clip.body_vertices[:1], (frames, 128, 3)),
-        **dict.fromkeys(("poses", "trans", "joints_rest", "blend_weights", "parents")),
+        garment=Garment(np.broadcast_to(tube_clip.garment.vertices[:1], (frames, 192, 3))),
+        body=replace(tube_clip.body, vertices=np.broadcast_to(tube_clip.body.vertices[:1], (frames, 128, 3))),
+        skeleton=Skeleton(),
     )
     with pytest.raises(InputError, match=r"long.glb: 30000 frames of 320 vertices are 6.9 GiB.*--step"):
         animated_glb(tmp_path / "long.glb", endless)
@@ -110,7 +112,7 @@ def test_one_frame_needs_no_animation(tmp_path: Path, tube_clip: Clip) -> None:
 
 @pytest.mark.parametrize("with_garment", [True, False])
 def test_trimesh_loads_it(tmp_path: Path, tube_clip: Clip, with_garment: bool) -> None:
-    clip = tube_clip if with_garment else replace(tube_clip, garment_vertices=None)
+    clip = tube_clip if with_garment else replace(tube_clip, garment=None)
     scene = trimesh.load(animated_glb(tmp_path / "tube.glb", clip), process=False)
     assert set(scene.geometry) == ({"body", "garment"} if with_garment else {"body"})
-    np.testing.assert_allclose(scene.geometry["body"].vertices, clip.body_vertices[0], atol=1e-6)
+    np.testing.assert_allclose(scene.geometry["body"].vertices, clip.body.vertices[0], atol=1e-6)

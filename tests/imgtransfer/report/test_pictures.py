@@ -78,8 +78,8 @@ def test_errors_become_colours_with_a_bar_below() -> None:
 
 
 def test_a_clip_in_a_picture(tube_clip: Clip) -> None:
-    body = ShadedMesh(tube_clip.body_vertices[3], tube_clip.body_faces, SKIN)
-    garment = ShadedMesh(tube_clip.garment_vertices[3], tube_clip.garment_faces)
+    body = ShadedMesh(tube_clip.body.vertices[3], tube_clip.body.faces, SKIN)
+    garment = ShadedMesh(tube_clip.garment.vertices[3], tube_clip.template.faces)
     picture = mesh_picture([body, garment])
     bluer = picture[..., 2].astype(int) - picture[..., 0]
     assert CLOTH[2] > CLOTH[0]

@@ -44,7 +44,7 @@ def test_two_processes_give_what_one_gives(here: Path, capsys: pytest.CaptureFix
     for name in CLIPS:
         for file in ("position_only.npz", "fused.npz"):
             one, two = (load_clip(here / out / f"tube__{name}" / file) for out in ("one", "two"))
-            np.testing.assert_array_equal(one.garment_vertices, two.garment_vertices)
+            np.testing.assert_array_equal(one.garment.vertices, two.garment.vertices)
     capsys.readouterr()
     assert predict(here, "two") == 0
     assert main(["fuse", f"{here}/two"]) == 0

@@ -41,31 +41,36 @@ def test_the_command_writes_a_clip_that_holds_together(made):
     assert "6 to 6 substeps" in clip.info["simulator"]
     assert clip.info["licence"] == "CC0-1.0"
     # The body follows from its weights and transforms up to the rounding of positions to 2**-16 m.
-    rest = np.concatenate([clip.body_rest, np.ones((len(clip.body_rest), 1))], axis=1)
-    blended = np.einsum("bk,tkij->tbij", clip.blend_weights, clip.joint_transforms.astype(float))
-    np.testing.assert_allclose(np.einsum("tbij,bj->tbi", blended, rest), clip.body_vertices, atol=3e-5)
+    rest = np.concatenate([clip.body.rest, np.ones((len(clip.body.rest), 1))], axis=1)
+    blended = np.einsum(
+        "bk,tkij->tbij", clip.skeleton.blend_weights, clip.skeleton.joint_transforms.astype(float)
+    )
+    np.testing.assert_allclose(np.einsum("tbij,bj->tbi", blended, rest), clip.body.vertices, atol=3e-5)
     # The root joint stands at joints_rest[0] + trans.
-    root = clip.joint_transforms[:, 0, :, :3] @ clip.joints_rest[0] + clip.joint_transforms[:, 0, :, 3]
-    np.testing.assert_allclose(root, clip.joints_rest[0] + clip.trans, atol=1e-6)
-    for positions in (clip.garment_vertices, clip.body_vertices, clip.template_vertices, clip.body_rest):
+    root = (
+        clip.skeleton.joint_transforms[:, 0, :, :3] @ clip.skeleton.joints_rest[0]
+        + clip.skeleton.joint_transforms[:, 0, :, 3]
+    )
+    np.testing.assert_allclose(root, clip.skeleton.joints_rest[0] + clip.skeleton.trans, atol=1e-6)
+    for positions in (clip.garment.vertices, clip.body.vertices, clip.template.vertices, clip.body.rest):
         assert np.array_equal(positions * 2**16, np.rint(positions * 2**16))
 
 
 def test_the_shirt_stays_on_hangs_and_moves(made):
     clip = DataSet.open(made[0] / "set.zarr").read("tshirt/twist_s1")
-    start, end = clip.garment_faces[:, 0], clip.garment_faces[:, 1]
+    start, end = clip.template.faces[:, 0], clip.template.faces[:, 1]
 
     def lengths(vertices):
         return np.linalg.norm(vertices[..., start, :] - vertices[..., end, :], axis=-1)
 
-    stretch = lengths(clip.garment_vertices) / lengths(clip.template_vertices)
+    stretch = lengths(clip.garment.vertices) / lengths(clip.template.vertices)
     assert 0.9 < np.percentile(stretch, 1) < np.percentile(stretch, 99) < 1.3
-    moved = np.linalg.norm(clip.garment_vertices - clip.template_vertices, axis=-1)
+    moved = np.linalg.norm(clip.garment.vertices - clip.template.vertices, axis=-1)
     assert 0.002 < np.median(moved) < 0.1
     # The template hangs on the resting body, outside it.
-    sdf = BodySdf(clip.body_faces, len(clip.body_rest))
-    sdf.update(clip.body_rest)
-    assert sdf.distance(torch.from_numpy(clip.template_vertices)).min() > 0
+    sdf = BodySdf(clip.body.faces, len(clip.body.rest))
+    sdf.update(clip.body.rest)
+    assert sdf.distance(torch.from_numpy(clip.template.vertices)).min() > 0
 
 
 def test_a_second_run_keeps_what_stands(made, capsys):
@@ -100,4 +105,4 @@ def test_two_processes_give_the_same_as_one(tmp_path):
     one, two = DataSet.open(tmp_path / "one"), DataSet.open(tmp_path / "two")
     assert one.names() == two.names() == ["tshirt/turn_s0", "tshirt/walk_s0"]
     for name in one.names():
-        assert np.array_equal(one.read(name).garment_vertices, two.read(name).garment_vertices)
+        assert np.array_equal(one.read(name).garment.vertices, two.read(name).garment.vertices)

@@ -274,7 +274,10 @@ def test_a_model_of_another_version_is_refused(
 
 def test_a_clip_without_a_garment_cannot_train(tube_clip: Clip) -> None:
     with pytest.raises(InputError, match="no garment_vertices"):
-        Frames.from_clips([replace(tube_clip, garment_vertices=None)], "root")
+        Frames.from_clips(
+            [replace(tube_clip, garment=None)],
+            "root",
+        )
 
 
 def test_the_mirror_shows_the_mirrored_scene(config: RunConfig) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, load_clip, save_clip
+from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.data.mesh_output import save_mesh_frames
 from imgtransfer.data.store import DataSet
 from imgtransfer.importers.checks.axes import Axes
@@ -93,11 +94,11 @@ def error(capsys: pytest.CaptureFixture[str], folder: Path, *options: object) ->
 def test_every_form_gives_the_same_clip(tmp_path: Path, kind: str) -> None:
     clip = imported(tmp_path, write_clip(tmp_path / "in/walk", kind=kind))
     assert clip.name == "garment/walk"
-    np.testing.assert_allclose(clip.garment_vertices, moving(VEST.vertices), atol=2e-6)
-    np.testing.assert_allclose(clip.body_vertices, moving(BODY.vertices), atol=2e-6)
-    np.testing.assert_allclose(clip.template_vertices, VEST.vertices, atol=2e-6)
-    np.testing.assert_allclose(clip.body_rest, BODY.vertices, atol=2e-6)
-    np.testing.assert_array_equal(clip.garment_faces, VEST.faces)
+    np.testing.assert_allclose(clip.garment.vertices, moving(VEST.vertices), atol=2e-6)
+    np.testing.assert_allclose(clip.body.vertices, moving(BODY.vertices), atol=2e-6)
+    np.testing.assert_allclose(clip.template.vertices, VEST.vertices, atol=2e-6)
+    np.testing.assert_allclose(clip.body.rest, BODY.vertices, atol=2e-6)
+    np.testing.assert_array_equal(clip.template.faces, VEST.faces)
     assert clip.fps == pytest.approx(24 if kind == "mdd" else 30, abs=0.01)
 
 
@@ -110,8 +111,8 @@ def test_other_axes_and_units_are_turned_into_ours(
     assert "stands along z and faces -y, not y and z; add --up=z --facing=-y" in message
     clip = imported(tmp_path, folder, "--unit=cm", "--up=z", "--facing=-y", "--garment", "vest")
     assert clip.name == "vest/walk"
-    np.testing.assert_allclose(clip.garment_vertices, moving(VEST.vertices), atol=1e-5)
-    np.testing.assert_allclose(clip.body_rest, BODY.vertices, atol=1e-5)
+    np.testing.assert_allclose(clip.garment.vertices, moving(VEST.vertices), atol=1e-5)
+    np.testing.assert_allclose(clip.body.rest, BODY.vertices, atol=1e-5)
 
 
 def test_a_garment_in_millimetres_on_a_body_in_metres(
@@ -123,7 +124,7 @@ def test_a_garment_in_millimetres_on_a_body_in_metres(
     write_obj(folder / "template.obj", big.vertices, big.faces)
     assert "add --garment-unit=mm" in error(capsys, folder)
     clip = imported(tmp_path, folder, "--garment-unit", "mm")
-    np.testing.assert_allclose(clip.garment_vertices, moving(VEST.vertices), atol=1e-5)
+    np.testing.assert_allclose(clip.garment.vertices, moving(VEST.vertices), atol=1e-5)
 
 
 def test_without_a_rest_pose_the_first_frame_is_taken(tmp_path: Path) -> None:
@@ -131,8 +132,8 @@ def test_without_a_rest_pose_the_first_frame_is_taken(tmp_path: Path) -> None:
     for name in ("template.obj", "body_rest.obj"):
         (folder / name).unlink()
     clip = imported(tmp_path, folder)
-    assert clip.garment_vertices is not None
-    np.testing.assert_array_equal(clip.template_vertices, clip.garment_vertices[0])
+    assert clip.garment is not None
+    np.testing.assert_array_equal(clip.template.vertices, clip.garment.vertices[0])
 
 
 def test_one_clip_by_its_paths(tmp_path: Path) -> None:
@@ -150,7 +151,7 @@ def test_one_clip_by_its_paths(tmp_path: Path) -> None:
     assert main([str(arg) for arg in argv]) == 0
     clip = DataSet.open(tmp_path / "set").read("garment/walk")
     assert clip.fps == 60
-    np.testing.assert_allclose(clip.garment_vertices, moving(VEST.vertices), atol=2e-6)
+    np.testing.assert_allclose(clip.garment.vertices, moving(VEST.vertices), atol=2e-6)
 
 
 def test_several_folders_and_a_second_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -245,9 +246,9 @@ def test_formats_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 def welded(tmp_path: Path) -> Path:
     """A data set with the split garment, welded."""
     clip = imported(tmp_path, write_clip(tmp_path / "in/walk", SPLIT), "--weld")
-    assert clip.template_vertices.shape == VEST.vertices.shape
-    assert clip.original_vertices is not None
-    assert len(clip.original_vertices) == len(SPLIT.vertices) > len(VEST.vertices)
+    assert clip.template.vertices.shape == VEST.vertices.shape
+    assert clip.template.surface.vertices is not None
+    assert len(clip.template.surface.vertices) == len(SPLIT.vertices) > len(VEST.vertices)
     return tmp_path / "set"
 
 
@@ -264,12 +265,14 @@ def assert_same_look(found: Surface | None, wanted: Surface | None) -> None:
 def test_the_look_survives_import_npz_and_export(tmp_path: Path, welded: Path) -> None:
     assert main(["export", str(welded), "--out", f"{tmp_path}/clip.npz"]) == 0
     clip = load_clip(tmp_path / "clip.npz")
-    assert_same_look(clip.surface, SPLIT.surface)
-    assert clip.surface is not None
-    assert clip.surface.materials == ("front", "side panel")
-    np.testing.assert_array_equal(clip.slice(slice(0, 2)).original_vertices, clip.original_vertices)
-    assert clip.garment_vertices is not None
-    assert_same_look(clip.with_garment(clip.garment_vertices).template.surface, SPLIT.surface)
+    assert_same_look(clip.template.surface, SPLIT.surface)
+    assert clip.template.surface is not None
+    assert clip.template.surface.materials == ("front", "side panel")
+    np.testing.assert_array_equal(
+        clip.slice(slice(0, 2)).template.surface.vertices, clip.template.surface.vertices
+    )
+    assert clip.garment is not None
+    assert_same_look(clip.with_garment(clip.garment.vertices).template.surface, SPLIT.surface)
 
 
 @pytest.mark.parametrize("kind", ["obj", "ply"])
@@ -285,7 +288,7 @@ def test_exported_frames_are_the_files_own_mesh(tmp_path: Path, welded: Path, ki
         np.testing.assert_array_equal(mesh.surface.face_materials, SPLIT.surface.face_materials)  # type: ignore[union-attr]
         assert "Kd 0.1 0.1 0.8" in mesh.surface.mtl
     again = imported(tmp_path / "again", tmp_path / "frames", "--weld")  # what export wrote can be imported
-    assert_same_look(again.surface, SPLIT.surface)
+    assert_same_look(again.template.surface, SPLIT.surface)
 
 
 def test_fused_meshes_have_the_files_look(tmp_path: Path, welded: Path) -> None:
@@ -311,7 +314,7 @@ def test_fused_meshes_have_the_files_look(tmp_path: Path, welded: Path) -> None:
     mesh = load_mesh(tmp_path / "out/meshes/frame_0001.obj")
     assert_same_look(mesh.surface, SPLIT.surface)
     assert np.linalg.norm(mesh.vertices - moving(SPLIT.vertices)[1], axis=-1).mean() < 0.01
-    assert_same_look(load_clip(tmp_path / "out/fused.npz").surface, SPLIT.surface)
+    assert_same_look(load_clip(tmp_path / "out/fused.npz").template.surface, SPLIT.surface)
 
 
 def test_clips_that_are_there_are_left(
@@ -402,9 +405,8 @@ def test_textures_are_put_into_the_animation(tmp_path: Path) -> None:
     )
     mesh = load_mesh(path)
     vertices = mesh.vertices.astype(np.float32)
-    clip = Clip(
-        vertices, mesh.faces, vertices[None], vertices, mesh.faces, vertices[None], 30.0
-    ).with_surface(mesh.surface)
+    template, body = Template(vertices, mesh.faces, mesh.surface), Body(vertices, mesh.faces, vertices[None])
+    clip = Clip(template, Garment(vertices[None]), body, 30.0)
     document, binary = glb(animated_glb(tmp_path / "out.glb", clip))
     (image,) = document["images"]
     view = document["bufferViews"][image["bufferView"]]
@@ -412,7 +414,7 @@ def test_textures_are_put_into_the_animation(tmp_path: Path) -> None:
     assert stored == (tmp_path / "in/cloth.png").read_bytes()
     with_image = [m for m in document["materials"] if "baseColorTexture" in m["pbrMetallicRoughness"]]
     assert [material["name"] for material in with_image] == ["cloth"]
-    save_mesh_frames(tmp_path / "frames", vertices[None], clip.template, "obj")
+    save_mesh_frames(tmp_path / "frames", vertices[None], clip.template_mesh, "obj")
     library = (tmp_path / "frames/materials.mtl").read_text()
     assert "map_Kd cloth.png" in library  # a copy of it lies beside, so that the folder may be passed on
     assert (tmp_path / "frames/cloth.png").read_bytes() == stored

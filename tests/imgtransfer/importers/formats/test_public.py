@@ -184,18 +184,18 @@ def test_vto(tmp_path: Path, vto: Path, model: SmplModel, capsys: pytest.Capture
     assert out.splitlines()[-1].startswith("next     imgtransfer inspect")
     new, old = (data.read(name) for name in ("tshirt/shape00_01_01", "tshirt/shape00_07_02"))
     poses = motion(FRAMES)
-    np.testing.assert_allclose(new.body_vertices, model.posed(BETAS, poses, TRANS), atol=1e-5)
-    np.testing.assert_allclose(new.garment_vertices, vto_content(model, poses)["vertices"], atol=1e-5)
-    np.testing.assert_allclose(new.body_rest, model.rest(BETAS), atol=1e-6)
+    np.testing.assert_allclose(new.body.vertices, model.posed(BETAS, poses, TRANS), atol=1e-5)
+    np.testing.assert_allclose(new.garment.vertices, vto_content(model, poses)["vertices"], atol=1e-5)
+    np.testing.assert_allclose(new.body.rest, model.rest(BETAS), atol=1e-6)
     assert new.fps == 30
-    np.testing.assert_allclose(old.body_vertices, new.body_vertices, atol=1e-5)  # both spellings of the keys
+    np.testing.assert_allclose(old.body.vertices, new.body.vertices, atol=1e-5)  # both spellings of the keys
     stays_in_its_frame(new)
 
 
 def stays_in_its_frame(clip: Clip) -> None:
     """In the canonical frame the garment is where its template is: poses, trans and the rest pose belong together."""
-    local = root_frames(clip, "root").to_canonical(clip.garment_vertices)
-    assert np.linalg.norm(local - clip.template_vertices, axis=-1).max() < 0.1
+    local = root_frames(clip, "root").to_canonical(clip.garment.vertices)
+    assert np.linalg.norm(local - clip.template.vertices, axis=-1).max() < 0.1
 
 
 def test_vto_finds_the_order_of_pose_and_translation(
@@ -207,7 +207,7 @@ def test_vto_finds_the_order_of_pose_and_translation(
     path.write_bytes(pickle.dumps(content))
     run(capsys, *vto_argv(vto, tmp_path))
     clip = DataSet.open(tmp_path / "set").read("tshirt/shape00_01_01")
-    np.testing.assert_allclose(clip.body_vertices, model.posed(BETAS, motion(FRAMES), TRANS), atol=1e-5)
+    np.testing.assert_allclose(clip.body.vertices, model.posed(BETAS, motion(FRAMES), TRANS), atol=1e-5)
 
 
 def test_vto_goes_on_where_it_stopped(
@@ -358,17 +358,17 @@ def test_tailornet(tmp_path: Path, tailornet: Path, capsys: pytest.CaptureFixtur
     pants, skirt = (data.read(f"{kind}_female/000_001_005") for kind in ("pant", "skirt"))
     model, poses = smpl_body(tailornet / "smpl/smpl_female.npz"), motion(FRAMES, seed=5)
     np.testing.assert_allclose(
-        pants.body_vertices, model.posed(BETAS, poses, np.zeros((FRAMES, 3))), atol=1e-5
+        pants.body.vertices, model.posed(BETAS, poses, np.zeros((FRAMES, 3))), atol=1e-5
     )
     with (tailornet / "garment_class_info.pkl").open("rb") as file:
         at = pickle.load(file)["pant"]["vert_indices"]
     outward = model.template[at] * [0.3, 0, 0.3]
     unskinned = model.unskinned(BETAS, poses)[:, at] + outward
     wanted = skinned(unskinned, model.weights[at], model.transforms(BETAS, poses))
-    np.testing.assert_allclose(pants.garment_vertices, wanted, atol=1e-5)
-    np.testing.assert_allclose(pants.template_vertices, model.rest(BETAS)[at] + outward, atol=1e-5)
+    np.testing.assert_allclose(pants.garment.vertices, wanted, atol=1e-5)
+    np.testing.assert_allclose(pants.template.vertices, model.rest(BETAS)[at] + outward, atol=1e-5)
     np.testing.assert_allclose(
-        skirt.garment_vertices, pants.garment_vertices, atol=1e-5
+        skirt.garment.vertices, pants.garment.vertices, atol=1e-5
     )  # its weights pick vertices
     assert "nominal" in pants.info["note"]
     stays_in_its_frame(pants)
@@ -434,11 +434,11 @@ def test_cloth3d(
     )
     assert "Tshirt_01_01_s0/01_01_s0  5 frames  train" in out
     clip = DataSet.open(tmp_path / "set").read("Tshirt_01_01_s0/01_01_s0")
-    np.testing.assert_allclose(clip.garment_vertices, moved, atol=1e-3)  # 16-bit floats
-    np.testing.assert_allclose(clip.body_vertices, model.posed(BETAS, motion(FRAMES), TRANS), atol=1e-5)
-    np.testing.assert_allclose(clip.template_vertices, rest.vertices, atol=1e-5)
-    assert clip.joints_rest is not None
-    np.testing.assert_allclose(clip.joints_rest, model.joints(BETAS)[:1], atol=1e-6)
+    np.testing.assert_allclose(clip.garment.vertices, moved, atol=1e-3)  # 16-bit floats
+    np.testing.assert_allclose(clip.body.vertices, model.posed(BETAS, motion(FRAMES), TRANS), atol=1e-5)
+    np.testing.assert_allclose(clip.template.vertices, rest.vertices, atol=1e-5)
+    assert clip.skeleton.joints_rest is not None
+    np.testing.assert_allclose(clip.skeleton.joints_rest, model.joints(BETAS)[:1], atol=1e-6)
     stays_in_its_frame(clip)
 
 
@@ -500,7 +500,7 @@ def test_virtualbones_in_every_reading(  # noqa: PLR0917
         tmp_path / "smpl",
     )
     clip = DataSet.open(tmp_path / "set").read("dress02/7")
-    np.testing.assert_allclose(clip.garment_vertices, placed, atol=1e-4)
+    np.testing.assert_allclose(clip.garment.vertices, placed, atol=1e-4)
     assert "SMPL in the avatar's pose" in clip.info["note"]
     stays_in_its_frame(clip)
 

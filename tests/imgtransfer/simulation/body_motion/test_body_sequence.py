@@ -122,18 +122,18 @@ def test_a_garment_hangs_on_a_body_of_which_only_meshes_are_known(made):
     data = DataSet.open(made / "set.zarr")
     assert data.names() == ["my-shirt/reach-2", "my-shirt/walk"]
     clip = data.read("my-shirt/walk")
-    np.testing.assert_allclose(clip.body_vertices, moving("walk"), atol=2e-5)
-    np.testing.assert_allclose(clip.body_rest, BODY.rest, atol=2e-5)
-    assert clip.poses is None and clip.trans is None and clip.blend_weights is None  # noqa: PT018
+    np.testing.assert_allclose(clip.body.vertices, moving("walk"), atol=2e-5)
+    np.testing.assert_allclose(clip.body.rest, BODY.rest, atol=2e-5)
+    assert clip.skeleton.poses is None and clip.skeleton.trans is None and clip.skeleton.blend_weights is None  # noqa: PT018
     assert clip.fps == 30
     for frame in (0, clip.n_frames - 1):
-        sdf = BodySdf(clip.body_faces, len(clip.body_rest))
-        sdf.update(clip.body_vertices[frame])
-        distance = sdf.distance(torch.from_numpy(clip.garment_vertices[frame]))
+        sdf = BodySdf(clip.body.faces, len(clip.body.rest))
+        sdf.update(clip.body.vertices[frame])
+        distance = sdf.distance(torch.from_numpy(clip.garment.vertices[frame]))
         assert 0 < distance.min() < distance.max() < 0.3
-    start, end = clip.template.edges.T
-    ratio = np.linalg.norm(clip.garment_vertices[:, end] - clip.garment_vertices[:, start], axis=-1)
-    ratio /= np.linalg.norm(clip.template_vertices[end] - clip.template_vertices[start], axis=-1)
+    start, end = clip.template_mesh.edges.T
+    ratio = np.linalg.norm(clip.garment.vertices[:, end] - clip.garment.vertices[:, start], axis=-1)
+    ratio /= np.linalg.norm(clip.template.vertices[end] - clip.template.vertices[start], axis=-1)
     assert 0.8 < np.percentile(ratio, 1) < np.percentile(ratio, 99) < 1.3
     assert "mesh sequence walk" in clip.info["source"]
     assert str(made) not in json.dumps(clip.info)
@@ -142,8 +142,8 @@ def test_a_garment_hangs_on_a_body_of_which_only_meshes_are_known(made):
 def test_its_seams_uvs_and_materials_survive(made, files, shirt):
     clip = DataSet.open(made / "set.zarr").read("my-shirt/walk")
     given = load_mesh(files / "my shirt.obj")
-    assert len(clip.template_vertices) == len(shirt.vertices) < len(given.vertices)
-    surface = clip.surface
+    assert len(clip.template.vertices) == len(shirt.vertices) < len(given.vertices)
+    surface = clip.template.surface
     np.testing.assert_array_equal(surface.faces, given.faces)
     np.testing.assert_array_equal(surface.uvs, given.surface.uvs)
     assert surface.materials == ("front", "side panel")
@@ -172,7 +172,7 @@ def test_two_workers_make_the_same(made):
     one, two = (DataSet.open(made / name) for name in ("set.zarr", "two.zarr"))
     assert one.names() == two.names()
     for name in one.names():
-        assert np.array_equal(one.read(name).garment_vertices, two.read(name).garment_vertices)
+        assert np.array_equal(one.read(name).garment.vertices, two.read(name).garment.vertices)
 
 
 def test_where_the_body_stands_and_faces_changes_nothing(tmp_path, shirt):
@@ -183,7 +183,7 @@ def test_where_the_body_stands_and_faces_changes_nothing(tmp_path, shirt):
     for name, vertices in (("here", moving("walk")), ("there", moving("walk") @ turn.T + [5, 1, 3])):
         folder = write_body(tmp_path / name, vertices, Axes())
         clips.append(simulate_clip(find_sequence(folder, SequenceFiles(), 30.0), config)[0])
-    here, there = (clip.garment_vertices for clip in clips)
+    here, there = (clip.garment.vertices for clip in clips)
     difference = np.linalg.norm(here @ turn.T + [5, 1, 3] - there, axis=-1)
     assert np.median(difference) < 2e-4  # contact multiplies rounding
     assert difference.max() < 0.02
@@ -338,8 +338,8 @@ def test_a_template_is_worn_by_the_configuration_s_body_too(own, capsys):
     assert main([*command(own, flags=("--garment-unit=cm", "--garment-up=z", "--weld")), "--frames=3"]) == 0
     clip = DataSet.open(own / "set.zarr").read("my-shirt/walk_s0")
     assert clip.n_frames == 3
-    assert clip.poses is not None
-    assert clip.surface.materials == ("front", "side panel")
+    assert clip.skeleton.poses is not None
+    assert clip.template.surface.materials == ("front", "side panel")
 
 
 def spoil_count(folder):
