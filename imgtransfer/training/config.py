@@ -1,6 +1,4 @@
-"""The configuration of a training run: what `imgtransfer train` reads from YAML and writes beside its
-results.
-"""
+"""The configuration of a training run: what `imgtransfer train` reads from YAML and writes beside its results."""
 
 from __future__ import annotations
 
@@ -54,9 +52,7 @@ class DataConfig(Section):
 
 
 class TrainingConfig(Section):
-    """The optimisation. Both networks are trained in one run on the same batches, each by a loss of its
-    own.
-    """
+    """The optimisation. Both networks are trained in one run on the same batches, each by a loss of its own."""
 
     steps: int = Field(100_000, ge=1, le=10**9, description="Steps of the optimiser, a batch each.")
     batch_frames: int = Field(8, ge=1, le=4096, description="Frames of a batch.")

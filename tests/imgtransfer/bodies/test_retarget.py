@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imgtransfer.bodies.retarget import BLADE_SHARE, BONES, bone_rotations
+from imgtransfer.bodies.retarget import BLADE_FRACTION, BONES, bone_rotations
 from imgtransfer.bodies.smpl import INDEX, JOINTS, global_rotations, segment_direction
 
 NAMES = list(BONES)
@@ -127,7 +127,7 @@ def test_the_blade_takes_its_part_of_the_upper_arms_swing(vector):
     rest = span("upperarm01.L", "lowerarm01.L")
     # The shortest turn that carries the arm from where it rests to where it points is its swing.
     swing = np.arccos(rest @ bones["upperarm02.L"] @ rest)
-    assert angle(bones["shoulder01.L"]) == pytest.approx(BLADE_SHARE * swing, abs=1e-9)
+    assert angle(bones["shoulder01.L"]) == pytest.approx(BLADE_FRACTION * swing, abs=1e-9)
 
 
 def test_the_thighs_twist_is_halved_near_the_hip():
