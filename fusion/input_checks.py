@@ -124,7 +124,7 @@ def _checked_pins(
         raise InputError(
             f"fuse: pins.indices names vertex {int(bad[0])}, but the template has 0..{n_vertices - 1}"
         )
-    numbers, counts = indices.unique(return_counts=True)
+    numbers, counts = np.unique(indices.numpy(), return_counts=True)
     if len(numbers) < len(indices):
         raise InputError(f"fuse: pins.indices names vertex {int(numbers[counts > 1][0])} more than once")
     if pins.positions is not None:

@@ -201,7 +201,7 @@ def differentiable_distance(points: torch.Tensor, obstacle: Obstacle) -> torch.T
     Returns:
         (..., N), dtype of `points`.
     """
-    distance: torch.Tensor = _Distance.apply(points, obstacle)
+    distance: torch.Tensor = _Distance.apply(points, obstacle)  # type: ignore[no-untyped-call]
     return distance
 
 
