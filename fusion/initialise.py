@@ -60,7 +60,7 @@ class Readings:
 
 
 class InitialWeights:
-    """The constant weights of `initial_vertices`: every vertex as a mean of readings of the maps.
+    """The constant weights of `initial_vertices` (section 3.3): every vertex as a mean of readings of the maps.
 
     Args:
         imager: of the template, S views and N vertices.
