@@ -31,7 +31,16 @@ from render.mesh.mesh import check_finite, safe_normalize
 
 
 def usable_threads(config: FusionConfig, device: torch.device, n_frames: int) -> int:
-    """Batches that are solved at the same time. Those of Adam, the reference, are solved one after the other."""
+    """How many batches are solved at the same time. Those of Adam, the reference, are solved one after the other.
+
+    Args:
+        config: solver, and whether frames depend on each other.
+        device: computes; only the CPU's cores are shared out.
+        n_frames: of the clip.
+
+    Returns:
+        1 or more, at most `n_frames` and `n_threads()`.
+    """
     coupled = config.weight_temporal or config.warm_start
     if config.solver == "adam" or coupled or device.type != "cpu":
         return 1
@@ -39,7 +48,13 @@ def usable_threads(config: FusionConfig, device: torch.device, n_frames: int) ->
 
 
 def frames_at_once(config: FusionConfig, threads: int, n_frames: int) -> int:
-    """The size of a batch: all frames where they depend on each other, one where each awaits another."""
+    """The size of a batch: all frames where they depend on each other, one where each awaits another.
+
+    Args:
+        config: largest batch, and how frames depend on each other.
+        threads: as `usable_threads` says.
+        n_frames: of the clip.
+    """
     if config.weight_temporal:
         return n_frames
     if config.warm_start:
@@ -92,7 +107,12 @@ class FrameSolver:
     def solve_all(self, batches: Iterable[FusionInputs], watch: Stopwatch) -> Iterator[BatchResult]:
         """All batches solved, in their order; over several threads where that helps.
 
-        No more batches are asked for than keep the threads busy.
+        Args:
+            batches: checked; no more are asked for than keep the threads busy.
+            watch: is told how long each stage takes.
+
+        Raises:
+            InputError: vertices that are no longer finite, a body turned inside out, or what `batches` raises.
         """
         if self._threads == 1:
             yield from (self.solve(batch, watch) for batch in batches)
@@ -110,7 +130,15 @@ class FrameSolver:
                 pool.shutdown(cancel_futures=True)
 
     def solve(self, batch: FusionInputs, watch: Stopwatch) -> BatchResult:
-        """Both stages and the clean-up of some frames."""
+        """Both stages and the clean-up of some frames.
+
+        Args:
+            batch: checked.
+            watch: is told how long each stage takes.
+
+        Raises:
+            InputError: vertices that are no longer finite, or a body turned inside out.
+        """
         obstacle = self._obstacles.get()
         try:
             return self._solved(batch, watch, obstacle)

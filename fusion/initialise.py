@@ -60,7 +60,7 @@ class Readings:
 
 
 class InitialWeights:
-    """The constant weights of `initial_vertices`: every vertex as a mean of readings of the maps.
+    """The constant weights of `initial_vertices` (section 3.3): every vertex as a mean of readings of the maps.
 
     Args:
         imager: of the template, S views and N vertices.
@@ -147,7 +147,8 @@ def _frontality(mesh: Mesh, camera: Camera) -> np.ndarray:
     sight = centre - mesh.vertices
     sight /= np.linalg.norm(sight, axis=1, keepdims=True)
     normals = vertex_normals(torch.from_numpy(mesh.vertices), torch.from_numpy(mesh.faces)).numpy()
-    return np.abs((normals * sight).sum(1)).clip(min=_GRAZING)
+    cosines: np.ndarray = np.abs((normals * sight).sum(1)).clip(min=_GRAZING)
+    return cosines
 
 
 def _between_views(mesh: Mesh, visible: np.ndarray) -> scipy.sparse.csr_matrix:

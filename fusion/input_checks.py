@@ -23,6 +23,10 @@ def checked(inputs: FusionInputs, imager: TemplateImager) -> FusionInputs:
 
     `rest` is checked where its mesh is made, once and not with every batch: `rest_mesh`.
 
+    Args:
+        inputs: of T frames.
+        imager: of the template, N vertices, with S cameras of H × W pixels.
+
     Raises:
         InputError: as `fuse` says.
     """
@@ -44,7 +48,11 @@ def checked(inputs: FusionInputs, imager: TemplateImager) -> FusionInputs:
 
 
 def rest_mesh(rest: np.ndarray | None, template: Mesh) -> Mesh:
-    """The garment whose edge lengths are kept: the template with the vertices `rest` (N, 3), or as it is.
+    """The garment whose edge lengths are kept.
+
+    Args:
+        rest: (N, 3) metres; None for the template as it is.
+        template: its faces, and about how long edges are.
 
     Raises:
         InputError: another shape, values that are not finite, or edges that are not about as long as the template's.
@@ -124,7 +132,7 @@ def _checked_pins(
         raise InputError(
             f"fuse: pins.indices names vertex {int(bad[0])}, but the template has 0..{n_vertices - 1}"
         )
-    numbers, counts = indices.unique(return_counts=True)
+    numbers, counts = np.unique(indices.numpy(), return_counts=True)
     if len(numbers) < len(indices):
         raise InputError(f"fuse: pins.indices names vertex {int(numbers[counts > 1][0])} more than once")
     if pins.positions is not None:

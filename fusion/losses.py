@@ -21,7 +21,7 @@ def edge_length_loss(vertices: torch.Tensor, topology: Topology) -> torch.Tensor
     Returns:
         (...); 0 for the template itself and for every rigid motion of it.
     """
-    lengths = torch.linalg.vector_norm(topology.difference(vertices), dim=-1)
+    lengths: torch.Tensor = torch.linalg.vector_norm(topology.difference(vertices), dim=-1)
     return (lengths - topology.rest_lengths.to(lengths)).square().mean(-1)
 
 
@@ -40,7 +40,7 @@ def normal_rendering_loss(
     Returns:
         (...), between 0 and 2 at confidence 1; 0 where P = 0. The gradient of a pixel that agrees exactly is 0.
     """
-    distances = torch.linalg.vector_norm(rendered - target, dim=-1)
+    distances: torch.Tensor = torch.linalg.vector_norm(rendered - target, dim=-1)
     if confidence is not None:
         distances = distances * confidence
     return distances.sum(-1) / max(distances.shape[-1], 1)

@@ -113,5 +113,10 @@ def _temporal(config: FusionConfig) -> dict[str, float]:
 
 
 def total(terms: Terms, weights: Mapping[str, float]) -> torch.Tensor:
-    """The weighted sum of the terms."""
+    """The weighted sum of the terms (..., T), which is what a stage minimises.
+
+    Args:
+        terms: unweighted, lengths in metres.
+        weights: of `edge_weights` or `normal_weights`; of every term at least.
+    """
     return torch.stack([weights[name] * value for name, value in terms.items()]).sum(0)

@@ -89,7 +89,7 @@ def fuse_batches(
 
 
 def slices(n_frames: int, size: int) -> Iterator[slice]:
-    """All frames, `size` at a time."""
+    """All of `n_frames` frames in order, `size` at a time; the last slice may be shorter."""
     return (slice(first, min(first + size, n_frames)) for first in range(0, n_frames, size))
 
 

@@ -25,7 +25,7 @@ def warp_module() -> Any:
     else:  # older versions
         setattr(warp.config, "quiet", True)  # noqa: B010 (the type checker knows only the newer versions)
     with _without_driver_warning():
-        warp.init()
+        warp.init()  # type: ignore[no-untyped-call]
     return warp
 
 

@@ -1,4 +1,8 @@
-"""What a garment must stay outside of: distances to bodies and to garments beneath, and the last clean-up."""
+"""What a garment must stay outside of: signed distances to bodies and inner garments, and the last clean-up.
+
+`BodySdf` is the distance to a body, `OuterSurface` to an open surface, `Obstacles` to several at once; all three answer
+with an `SdfQuery` (metres, negative inside), and `lift_clear` takes any of them.
+"""
 
 import lazy_loader
 

@@ -55,7 +55,7 @@ def clear_body(
     rounds: int,
     fixed: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """The vertices (T, N, 3) of `lift_clear`, which explains the rest."""
+    """The vertices (T, N, 3), metres, of `lift_clear`, which explains the arguments."""
     return lift_clear(vertices, sdf, topology, clearance_m=clearance_m, rounds=rounds, fixed=fixed).vertices
 
 
@@ -192,6 +192,11 @@ def _padded_places(chosen: torch.Tensor) -> torch.Tensor:
 
 def move_to_clear_places(cache: SdfCache, inside: torch.Tensor, clearance_m: float) -> torch.Tensor:
     """Move the vertices `inside` (T, N) each to its nearest clear place among a set of directions and distances.
+
+    Args:
+        cache: the vertices (T, N, 3) that are moved in it.
+        inside: (T, N) bool, which of them.
+        clearance_m: metres, the distance at which a place is clear.
 
     Returns:
         (T, N) bool, those that have one.

@@ -145,4 +145,5 @@ def _rims(faces: np.ndarray, n_vertices: int) -> np.ndarray:
     rim_edge = uses[edge.reshape(keys.shape)] == 1
     rim_vertex = np.zeros(n_vertices, bool)
     rim_vertex[halves[rim_edge]] = True
-    return (rim_vertex[faces] + 2 * rim_edge).astype(np.int8)
+    rims: np.ndarray = (rim_vertex[faces] + 2 * rim_edge).astype(np.int8)
+    return rims

@@ -201,12 +201,17 @@ def differentiable_distance(points: torch.Tensor, obstacle: Obstacle) -> torch.T
     Returns:
         (..., N), dtype of `points`.
     """
-    distance: torch.Tensor = _Distance.apply(points, obstacle)
+    distance: torch.Tensor = _Distance.apply(points, obstacle)  # type: ignore[no-untyped-call]
     return distance
 
 
 def unpacked(packed: torch.Tensor, points: torch.Tensor) -> SdfQuery:
-    """(P, 7) as the kernels write them -> the answer for points (..., 3)."""
+    """What the kernels write as the answer to a query.
+
+    Args:
+        packed: (P, 7) float32: distance, direction, closest point.
+        points: (..., 3) with P points in all, whose leading axes the answer gets.
+    """
     packed = packed.reshape(*points.shape[:-1], 7)
     return SdfQuery(packed[..., 0], packed[..., 1:4], packed[..., 4:7])
 

@@ -31,7 +31,12 @@ class PixelFaces:
 
     @classmethod
     def of(cls, raster: Raster, topology: Topology) -> PixelFaces:
-        """Group the covered pixels of all images by face."""
+        """Group the covered pixels of all images by face.
+
+        Args:
+            raster: of S images of H × W pixels.
+            topology: of the mesh that it shows.
+        """
         covered = np.flatnonzero(raster.mask)
         face = raster.face_id.reshape(-1)[covered]
         order = np.argsort(face, kind="stable")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fusion.obstacles.bvh import warp_module
+from fusion.warp_start import warp_module
 from imgtransfer.garments.cutting import border_loops, components
 from render.mesh.mesh import Mesh
 
