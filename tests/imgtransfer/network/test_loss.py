@@ -1,4 +1,4 @@
-"""The loss of images and their errors, by hand."""
+"""Loss and errors of images whose difference is known."""
 
 from __future__ import annotations
 
@@ -6,47 +6,58 @@ import numpy as np
 import pytest
 import torch
 
-from imgtransfer.network import map_errors, masked_l1
+from imgtransfer.network.loss import map_errors, masked_l1
 from imgtransfer.network.maps import ImagePair
-from render import PositionBox
+from render import PositionBox, encode_normals
+
+BOX = PositionBox(np.array([-1.0, -2, -3]), np.array([1.0, 2, 3]))
+MASK = torch.tensor([[[True, True, False], [False, True, True]]])  # four of six pixels
 
 
-def test_masked_loss_by_hand() -> None:
-    predicted, truth = torch.zeros(1, 1, 1, 3, 3), torch.zeros(1, 1, 1, 3, 3)
-    predicted[0, 0, 0, 0] = torch.tensor([0.3, 0.0, -0.3])  # covered: 0.6 over 2 covered pixels x 3 channels
-    predicted[0, 0, 0, 2] = 100.0  # background
-    mask = torch.tensor([[[True, True, False]]])
-    torch.testing.assert_close(masked_l1(predicted, truth, mask), torch.tensor(0.1))
+def random(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
-def test_masked_loss_ignores_a_background_that_is_not_finite() -> None:
-    predicted = torch.full((1, 1, 1, 2, 3), torch.nan)
-    predicted[..., 0, :] = 0.5
-    predicted.requires_grad_(True)
-    loss = masked_l1(predicted, torch.zeros_like(predicted), torch.tensor([[[True, False]]]))
-    loss.backward()
-    assert loss == 0.5
-    assert predicted.grad is not None
-    assert torch.equal(predicted.grad[..., 1, :], torch.zeros(1, 1, 1, 3))
+def pair(positions: torch.Tensor, normals: torch.Tensor) -> ImagePair:
+    return ImagePair.encode(positions, normals, MASK, BOX)
 
 
-def test_masked_loss_of_an_empty_mask_is_zero() -> None:
-    assert (
-        masked_l1(
-            torch.rand(1, 2, 4, 6, 3), torch.rand(1, 2, 4, 6, 3), torch.zeros(2, 4, 6, dtype=torch.bool)
-        )
-        == 0
+def test_the_gradient_is_a_sign_over_the_number_of_covered_values() -> None:
+    predicted, truth = random(2, 1, 2, 3, 3).requires_grad_(True), random(2, 1, 2, 3, 3, seed=1)
+    masked_l1(predicted, truth, MASK).backward()
+    wanted = torch.sign(predicted - truth).detach() * MASK[..., None] / (2 * 4 * 3)
+    torch.testing.assert_close(predicted.grad, wanted)
+
+
+def test_the_loss_is_a_plain_loops_and_grows_with_its_unit() -> None:
+    predicted, truth = random(2, 1, 2, 3, 3), random(2, 1, 2, 3, 3, seed=1)
+    values = [abs(predicted[b, 0, y, x, c] - truth[b, 0, y, x, c]).item()
+              for b in range(2) for y, x in ((0, 0), (0, 1), (1, 1), (1, 2)) for c in range(3)]  # fmt: skip
+    loss = masked_l1(predicted, truth, MASK)
+    assert loss.item() == pytest.approx(np.mean(values))
+    torch.testing.assert_close(masked_l1(1000 * predicted, 1000 * truth, MASK), 1000 * loss)
+    torch.testing.assert_close(masked_l1(truth, predicted, MASK), loss)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 0.01, 30.0, 120.0, 180.0])
+def test_errors_in_millimetres_and_degrees_by_hand(degrees: float) -> None:
+    positions, normals = 0.1 * random(2, 1, 2, 3, 3), torch.zeros(2, 1, 2, 3, 3, dtype=torch.float64)
+    normals[..., 2] = 1
+    angle = torch.tensor(degrees, dtype=torch.float64).deg2rad()
+    turned = torch.stack([angle.sin(), torch.zeros_like(angle), angle.cos()]).expand_as(normals)
+    moved = positions + torch.tensor([0.003, 0, 0.004])
+    errors = map_errors(pair(moved, turned), pair(positions, normals), MASK, BOX)
+    assert errors["position_mm"] == pytest.approx(5.0)
+    assert errors["normal_degrees"] == pytest.approx(degrees, abs=1e-6)
+
+
+def test_normals_count_by_their_direction_alone_and_the_background_not_at_all() -> None:
+    positions, normals = 0.1 * random(1, 1, 2, 3, 3), random(1, 1, 2, 3, 3, seed=1)
+    truth = pair(positions, normals)
+    outside = ~MASK[..., None]
+    wild = ImagePair(
+        truth.positions + 9 * outside, encode_normals(0.3 * normals) * MASK[..., None] + 5 * outside
     )
-
-
-def test_map_errors_by_hand() -> None:
-    box = PositionBox(np.zeros(3), np.array([1.0, 2.0, 4.0]))
-    mask = torch.tensor([[[True, False]]])
-    truth = ImagePair(torch.zeros(1, 1, 1, 2, 3), torch.full((1, 1, 1, 2, 3), 0.5))
-    truth.normals[..., 0, :] = torch.tensor([0.5, 0.5, 1.0])  # +z
-    predicted = ImagePair(truth.positions.clone(), truth.normals.clone())
-    predicted.positions[..., 0, :] = torch.tensor([0.003, 0.002, 0.0])  # 3 mm and 4 mm
-    predicted.positions[..., 1, :] = 9.0  # background
-    predicted.normals[..., 0, :] = torch.tensor([0.6, 0.5, 0.6])  # 45 degrees, too short
-    errors = map_errors(predicted, truth, mask, box)
-    assert errors == pytest.approx({"position_mm": 5.0, "normal_degrees": 45.0}, rel=1e-4)
+    errors = map_errors(wild, truth, MASK, BOX)
+    assert errors["position_mm"] == pytest.approx(0, abs=1e-9)
+    assert errors["normal_degrees"] == pytest.approx(0, abs=1e-5)
