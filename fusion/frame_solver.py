@@ -27,7 +27,8 @@ from fusion.solvers.pixel_faces import PixelFaces
 from fusion.stages import BatchResult, Solver, SolverResult, StageProblem
 from fusion.topology import Topology
 from render.maps.imager import TemplateImager
-from render.mesh.mesh import check_finite, safe_normalize
+from render.mesh.mesh import check_finite
+from render.mesh.normals import safe_normalize
 
 
 def usable_threads(config: FusionConfig, device: torch.device, n_frames: int) -> int:

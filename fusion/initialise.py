@@ -13,7 +13,9 @@ from scipy.spatial import cKDTree
 from render.cameras import Camera
 from render.errors import InputError
 from render.maps.imager import TemplateImager
-from render.mesh.mesh import Mesh, vertex_normals
+from render.mesh.measures import edge_lengths
+from render.mesh.mesh import Mesh
+from render.mesh.normals import vertex_normals
 from render.mesh.sparse import SparseProduct
 
 # Weight of a view that looks along the surface at a vertex, against 1 for one that looks straight at it.
@@ -187,7 +189,7 @@ def _closest_along_edges(mesh: Mesh, visible: np.ndarray) -> tuple[np.ndarray, n
         (S, N) distances in metres, infinite where no visible vertex is connected; (S, N) vertex numbers.
     """
     n, edges = len(mesh.vertices), mesh.edges
-    length = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
+    length = edge_lengths(mesh.vertices, edges)
     # An edge of no length would count as no edge at all.
     graph = scipy.sparse.csr_matrix((length.clip(min=1e-9), (edges[:, 0], edges[:, 1])), shape=(n, n))
     distance, source = np.full(visible.shape, np.inf), np.zeros(visible.shape, np.int64)

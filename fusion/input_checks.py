@@ -11,6 +11,7 @@ from fusion.inputs import DecodedMaps, FusionInputs, MovingSurface, PinnedVertic
 from render.errors import InputError
 from render.limits import FARTHEST
 from render.maps.imager import TemplateImager
+from render.mesh.measures import edge_lengths
 from render.mesh.mesh import Mesh, check_faces, check_finite
 
 # By which factor the edges of one garment may differ between body shapes; centimetres are a hundred times metres.
@@ -63,9 +64,7 @@ def rest_mesh(rest: np.ndarray | None, template: Mesh) -> Mesh:
         raise InputError(f"fuse: rest must have shape {template.vertices.shape}, found {rest.shape}")
     check_finite(rest, "fuse: rest")
     mesh = Mesh(rest, template.faces, "fuse: rest")
-    rests, templates = (
-        np.median(np.linalg.norm(np.diff(m.vertices[m.edges], axis=1), axis=-1)) for m in (mesh, template)
-    )
+    rests, templates = (np.median(edge_lengths(m.vertices, m.edges)) for m in (mesh, template))
     if not templates / _SHAPES_DIFFER <= rests <= templates * _SHAPES_DIFFER:
         raise InputError(
             f"fuse: the edges of rest are {rests:.3g} m long (median), those of the template {templates:.3g} m; "

@@ -17,7 +17,7 @@ from .maps.map_writer import save_maps as save_maps
 from .maps.map_writer import written_maps as written_maps
 from .maps.operator import MapOperator as MapOperator
 from .mesh.mesh import Mesh as Mesh
-from .mesh.mesh import vertex_normals as vertex_normals
+from .mesh.normals import vertex_normals as vertex_normals
 from .mesh.surface import Surface as Surface
 from .pictures import contact_sheet as contact_sheet
 from .pictures import write_png as write_png

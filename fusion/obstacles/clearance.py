@@ -8,7 +8,7 @@ import torch
 
 from fusion.obstacles.sdf import Obstacle
 from fusion.topology import Topology
-from render.mesh.mesh import safe_normalize
+from render.mesh.normals import safe_normalize
 
 # Fraction of a lifted vertex's step that its neighbours make, so that a single lifted vertex makes no spike.
 _FOLLOW = 0.5

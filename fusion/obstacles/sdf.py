@@ -11,6 +11,7 @@ import torch
 
 from fusion.obstacles.bvh import MeshBvh
 from render import InputError
+from render.mesh.measures import volume
 
 Sign = Literal["checked", "winding", "normal"]
 _FARTHEST = 1e6  # metres; a band that cuts nothing off
@@ -119,10 +120,10 @@ class BodySdf:
         first = self._pose is None
         frames = self._body.update(body_vertices)
         if first and self._closed:
-            volume = _volume(frames[0].cpu().numpy().astype(np.float64), self._body.faces)
-            if volume < 0:
+            enclosed = volume(frames[0].cpu().numpy().astype(np.float64), self._body.faces)
+            if enclosed < 0:
                 raise InputError(
-                    f"body_faces: the body's volume is negative ({1000 * volume:.3g} litres), so its faces are "
+                    f"body_faces: the body's volume is negative ({1000 * enclosed:.3g} litres), so its faces are "
                     "clockwise seen from outside; reverse the order of every face's corners"
                 )
         self._pose = frames
@@ -214,12 +215,6 @@ def unpacked(packed: torch.Tensor, points: torch.Tensor) -> SdfQuery:
     """
     packed = packed.reshape(*points.shape[:-1], 7)
     return SdfQuery(packed[..., 0], packed[..., 1:4], packed[..., 4:7])
-
-
-def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Signed volume in m³ of a closed mesh (B, 3), negative if it is inside out."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    return float((a * np.cross(b, c)).sum() / 6)
 
 
 class _Distance(torch.autograd.Function):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from render.mesh.rigid import twist_angle
+
 
 def between(start: np.ndarray, end: np.ndarray, fraction: float | np.ndarray) -> np.ndarray:
     """Spherical interpolation from `start` to `end`, (..., 3, 3) each; `fraction` in [0, 1], a number or (...)."""
@@ -24,9 +26,7 @@ def twist(rotations: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
     Unwrapped over the frames, because callers halve the angle and half of a wrapped one is off by 180 degrees.
     """
-    quaternion = Rotation.from_matrix(rotations).as_quat()  # x, y, z, w
-    angle = 2 * np.arctan2(quaternion[:, :3] @ axis, quaternion[:, 3])
-    return np.unwrap((angle + np.pi) % (2 * np.pi) - np.pi)
+    return np.unwrap((twist_angle(rotations, axis) + np.pi) % (2 * np.pi) - np.pi)
 
 
 def segment_frame(direction: np.ndarray, hinge: np.ndarray) -> np.ndarray:

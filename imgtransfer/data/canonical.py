@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
 from render.mesh.mesh import check_finite
+from render.mesh.rigid import heading, rigid_rotation
 
 RootMode = Literal["root", "heading"]
 
@@ -58,26 +59,8 @@ def root_frames(clip: Clip, mode: RootMode) -> RootFrames:
         root = rest + skeleton.trans.astype(np.float64)
     else:
         rest = clip.body.rest.astype(np.float64).mean(0)
-        rotation = np.stack([_rigid_fit(clip.body.rest, frame) for frame in clip.body.vertices])
+        rotation = np.stack([rigid_rotation(clip.body.rest, frame) for frame in clip.body.vertices])
         root = clip.body.vertices.astype(np.float64).mean(1)
     if mode == "heading":
         rotation = heading(rotation)
     return RootFrames(rotation, root - rotation @ rest)
-
-
-def heading(rotation: np.ndarray) -> np.ndarray:
-    """(T, 3, 3) -> (T, 3, 3): the part of each rotation that turns about +y (swing-twist decomposition).
-
-    It stays defined when the body lies or bends until it faces the floor; only a root that hangs exactly
-    upside down has no heading, and then the identity is returned.
-    """
-    quaternion = Rotation.from_matrix(rotation).as_quat()  # x, y, z, w
-    yaw = 2 * np.arctan2(quaternion[:, 1], quaternion[:, 3])
-    return Rotation.from_rotvec(yaw[:, None] * [0.0, 1.0, 0.0]).as_matrix()
-
-
-def _rigid_fit(rest: np.ndarray, posed: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation that best carries `rest` (B, 3) onto `posed` (B, 3) about their means (Kabsch 1976)."""
-    covariance = (posed - posed.mean(0)).astype(np.float64).T @ (rest - rest.mean(0)).astype(np.float64)
-    u, _, vt = np.linalg.svd(covariance)
-    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from fusion import BodySdf
 from imgtransfer.data.clip import Clip
 from render import Mesh
+from render.mesh.measures import edge_lengths
 
 SAMPLED_FRAMES = 24  # frames in which distances to the body are measured
 _BLOCK = 64  # frames measured at once, which bounds memory
@@ -113,14 +114,10 @@ def _strain(clip: Clip) -> np.ndarray:
     """(T, 3): median, 99th percentile and maximum of |l / l₀ - 1|; edges without a length are left out."""
     assert clip.garment is not None
     edges = Mesh(clip.template.vertices, clip.template.faces, clip.name).edges
-
-    def lengths(points: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(points[..., edges[:, 1], :] - points[..., edges[:, 0], :], axis=-1)
-
-    rest = lengths(clip.template.vertices)
+    rest = edge_lengths(clip.template.vertices, edges)
     rows = []
     for start in range(0, clip.n_frames, _BLOCK):
-        stretched = lengths(clip.garment.vertices[start : start + _BLOCK])[..., rest > 0]
+        stretched = edge_lengths(clip.garment.vertices[start : start + _BLOCK], edges)[..., rest > 0]
         rows.append(np.percentile(np.abs(stretched / rest[rest > 0] - 1), (50, 99, 100), axis=-1).T)
     return np.concatenate(rows) if rest.any() else np.zeros((clip.n_frames, 3))
 

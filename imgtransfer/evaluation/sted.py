@@ -23,6 +23,8 @@ import numpy as np
 from scipy import sparse
 from scipy.ndimage import uniform_filter1d
 
+from render.mesh.measures import edge_lengths
+
 DISTANCE = 1  # edges
 WINDOW = 11  # temporal edges, centred; fewer at the ends of a clip
 TEMPORAL_WEIGHT = 0.136  # c
@@ -51,10 +53,10 @@ def sted_spatial(
     near = _edges_near_vertices(edges, truth.shape[1], distance)
     per_frame = []
     for frame_predicted, frame_truth in zip(predicted, truth, strict=True):
-        length = _edge_lengths(frame_truth, edges)
+        length = edge_lengths(frame_truth.astype(np.float64), edges)
         known = length > 0
         change = np.zeros_like(length)
-        change[known] = _edge_lengths(frame_predicted, edges)[known] / length[known] - 1
+        change[known] = edge_lengths(frame_predicted.astype(np.float64), edges)[known] / length[known] - 1
         # A shift alters no deviation, but saves digits.
         change -= change[known].mean() if known.any() else 0.0
         total = near @ length
@@ -74,11 +76,6 @@ def sted_temporal(
     diagonal = np.linalg.norm(np.ptp(truth.astype(np.float64), axis=1), axis=-1).mean()
     true, other = (_temporal_lengths(points, diagonal, frame_step) for points in (truth, predicted))
     return float((np.abs(other - true) / _moving_mean(true, window)).mean())
-
-
-def _edge_lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    points = points.astype(np.float64)
-    return np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=-1)
 
 
 def _temporal_lengths(points: np.ndarray, diagonal: float, frame_step: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from imgtransfer.data.clip import Clip
 from imgtransfer.evaluation.metrics import penetration_percent
 from render import InputError, Mesh
+from render.mesh.measures import edge_lengths
 
 SAMPLED_FRAMES = 12
 
@@ -74,12 +75,7 @@ def edge_strain(vertices: np.ndarray, template: np.ndarray, faces: np.ndarray) -
         InputError: no edge of the template has a length.
     """
     edges = Mesh(template, faces, "template").edges
-
-    def lengths(points: np.ndarray) -> np.ndarray:
-        points = points.astype(np.float64)
-        return np.linalg.norm(points[..., edges[:, 1], :] - points[..., edges[:, 0], :], axis=-1)
-
-    rest = lengths(template)
+    rest = edge_lengths(template.astype(np.float64), edges)
     if not rest.any():
         raise InputError("template: all its edges have length 0")
-    return lengths(vertices)[..., rest > 0] / rest[rest > 0] - 1
+    return edge_lengths(vertices.astype(np.float64), edges)[..., rest > 0] / rest[rest > 0] - 1

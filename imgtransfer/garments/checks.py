@@ -8,6 +8,7 @@ import numpy as np
 
 from fusion.warp_start import warp_module
 from imgtransfer.garments.cutting import border_loops, components
+from render.mesh.measures import edge_lengths
 from render.mesh.mesh import Mesh
 
 
@@ -46,7 +47,7 @@ def mesh_quality(mesh: Mesh) -> MeshQuality:
     Args:
         mesh: with vertices in metres; any number of components, closed or open.
     """
-    lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=-1)
+    lengths = edge_lengths(mesh.vertices, mesh.edges)
     smallest = _smallest_angles(mesh)
     parts, broken = components(mesh), _non_manifold(mesh)
     openings = 0 if broken else len(border_loops(mesh.faces))

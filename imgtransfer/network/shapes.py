@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
 from render import InputError, Mesh
+from render.mesh.rigid import rigid_rotation
 
 SAME_M = 1e-5  # vertices that are this near are the same
 # How far a shape may be from the reference: wider than people's shapes, narrower than mistakes such as other units,
@@ -95,11 +97,9 @@ def misfit(clip: Clip, template: Mesh, body: Mesh) -> str | None:
 def _similarity(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
     """Scale, and angle of the rotation in degrees, that with a shift fit points (N, 3) best (Umeyama 1991)."""
     centred, target = before - before.mean(0), after - after.mean(0)
-    u, stretch, vt = np.linalg.svd(target.T @ centred)
-    sign = np.array([1, 1, np.sign(np.linalg.det(u @ vt)) or 1])
-    rotation = (u * sign) @ vt
-    scale = float((stretch * sign).sum() / max(np.square(centred).sum(), np.finfo(np.float64).tiny))
-    return scale, float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
+    rotation = rigid_rotation(before, after)
+    scale = (target * (centred @ rotation.T)).sum() / max(np.square(centred).sum(), np.finfo(np.float64).tiny)
+    return float(scale), float(np.degrees(Rotation.from_matrix(rotation).magnitude()))
 
 
 def _not_affine(before: np.ndarray, after: np.ndarray) -> float:

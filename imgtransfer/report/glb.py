@@ -18,7 +18,7 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.report.glb_look import Seamed, cut_at_seams, material, mime_type
 from render import InputError
 from render.files.atomic import written_whole
-from render.mesh.mesh import vertex_normals
+from render.mesh.normals import vertex_normals
 from render.mesh.surface import Surface
 
 _MOST_BYTES = 2**32 - 1  # that a GLB can say of its own length

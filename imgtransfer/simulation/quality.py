@@ -11,6 +11,7 @@ from scipy.ndimage import median_filter
 from fusion import BodySdf
 from imgtransfer.simulation.cloth.self_contact import crossings
 from imgtransfer.simulation.config import GateConfig
+from render.mesh.measures import area_fractions, edge_lengths
 from render.mesh.mesh import Mesh
 
 CLEARANCE = 0.001  # metres; where vertices that ended inside the body are put, in front of its surface
@@ -91,9 +92,7 @@ def measure(
     """
     if not np.isfinite(vertices).all():
         return Quality(*[np.inf] * len(fields(Quality)))
-    start, end = template.edges.T
-    rest = np.linalg.norm(template.vertices[end] - template.vertices[start], axis=-1)
-    stretch = np.linalg.norm(vertices[:, end] - vertices[:, start], axis=-1) / rest
+    stretch = edge_lengths(vertices, template.edges) / edge_lengths(template.vertices, template.edges)
 
     def speed(points: np.ndarray) -> np.ndarray:
         return np.linalg.norm(np.diff(points, axis=0), axis=-1).max(axis=1, initial=0.0) * fps
@@ -125,7 +124,7 @@ def energy_spike(template: Mesh, vertices: np.ndarray, fps: float) -> float:
     """
     if len(vertices) < 2:
         return 1.0
-    mass = _areas(template)
+    mass = area_fractions(template.vertices, template.faces)
     velocity = np.diff(vertices, axis=0) * fps
     velocity = velocity - np.einsum("n,tnk->tk", mass, velocity)[:, None]
     energy = np.maximum(0.5 * np.einsum("n,tnk->t", mass, velocity**2), 0.5 * _SLOW_CLOTH**2)
@@ -147,15 +146,6 @@ def jitter(vertices: np.ndarray, body: np.ndarray, fps: float) -> float:
         return 0.0
     middle = (vertices[between - 1] + vertices[between + 1]) / 2
     return float(np.percentile(np.linalg.norm(vertices[between] - middle, axis=-1), 95))
-
-
-def _areas(template: Mesh) -> np.ndarray:
-    """(N,) each vertex's fraction of the area."""
-    corners = template.vertices[template.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    weights = np.zeros(len(template.vertices))
-    np.add.at(weights, template.faces, area[:, None])
-    return weights / weights.sum()
 
 
 def faults(quality: Quality, gates: GateConfig) -> list[str]:

@@ -1,4 +1,4 @@
-"""Triangle meshes: checking, topology and normals."""
+"""Triangle meshes: checking and topology."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import torch
 
 from render.errors import InputError
 from render.limits import FARTHEST, FARTHEST_IN_FILES
@@ -92,31 +91,3 @@ def zero_frame(frames: np.ndarray) -> int | None:
     """The first of the frames (T, ...) in which all is 0, counted from 0; None where there is none."""
     lost = np.flatnonzero(~frames.any(axis=tuple(range(1, frames.ndim))))
     return int(lost[0]) if len(lost) else None
-
-
-def vertex_normals(vertices: torch.Tensor, faces: torch.Tensor) -> torch.Tensor:
-    """Area-weighted mean of the face normals around each vertex, as unit vectors.
-
-    Args:
-        vertices: (..., N, 3) floating point.
-        faces: (F, 3) int64, on the same device.
-
-    Returns:
-        (..., N, 3), same dtype; exactly 0 at vertices whose faces have no area (or that have no face).
-    """
-    corners = vertices[..., faces, :]  # (..., F, 3 corners, 3)
-    face_normal = torch.linalg.cross(
-        corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :], dim=-1
-    )  # length is twice the area, which is the weighting
-    total = torch.zeros_like(vertices)
-    for corner in range(3):
-        total = total.index_add(-2, faces[:, corner], face_normal)
-    return safe_normalize(total)
-
-
-def safe_normalize(vectors: torch.Tensor) -> torch.Tensor:
-    """(..., 3) scaled to unit length; 0 stays 0, with gradient 0 there."""
-    squared = vectors.square().sum(-1, keepdim=True)
-    zero = squared == 0
-    length = torch.where(zero, torch.ones_like(squared), squared).sqrt()
-    return torch.where(zero, torch.zeros_like(vectors), vectors / length)

@@ -63,6 +63,12 @@ class SparseProduct:
         return self._placed[device, dtype]
 
 
+def differences(pairs: np.ndarray, n_vertices: int) -> SparseProduct:
+    """(P, 2) vertex pairs -> (P, N) matrix whose row p is the first minus the second."""
+    rows = np.repeat(np.arange(len(pairs)), 2)
+    return SparseProduct(rows, pairs.ravel(), np.tile([1.0, -1.0], len(pairs)), (len(pairs), n_vertices))
+
+
 class _Matrix:
     """One sparse matrix on one device in one dtype, in the form whose product is fastest there.
 

@@ -41,7 +41,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from fusion import BodySdf, DecodedMaps, FusionConfig, FusionInputs, FusionResult, MovingSurface, fuse
 from fusion.stages import edge_weights, normal_weights
 from render import Mesh, TemplateImager, vertex_normals
-from render.mesh.mesh import safe_normalize
+from render.mesh.normals import safe_normalize
 from scripts.bench import cloth
 from scripts.bench.measuring import Results, command, interleaved
 

@@ -12,6 +12,7 @@ from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, guess_axes, lik
 from imgtransfer.importers.checks.findings import MeshFault, Say, as_flag
 from imgtransfer.importers.checks.topology import check_topology
 from render import Mesh, vertex_normals
+from render.mesh.measures import volume
 
 DEEP = 0.005  # metres inside the body from which on a garment cannot be worn as it is
 
@@ -85,7 +86,7 @@ def _axes(body: Mesh, given: Axes) -> list[MeshFault]:
 
 def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[MeshFault]:
     """Whether the garment is on the body, outside of it, and not inside out."""
-    if _volume(body) < 0:
+    if volume(body.vertices, body.faces) < 0:
         text = f"{body.source}: the body's triangles are seen from inside (or its axes are left-handed)"
         return [MeshFault("inside_out", f"{text}; export it with outward faces and right-handed axes", True)]
     sdf = BodySdf(body.faces, len(body.vertices))
@@ -134,9 +135,3 @@ def _turn(garment: Mesh, sdf: BodySdf, given: Axes, say: Say) -> str:
             options = f"{say('garment-up', up)} {say('garment-facing', facing)}"
             fitting.append((float(np.abs(distance).mean()), options))
     return f"its axes are other ones than the body's: add {min(fitting)[1]}" if fitting else ""
-
-
-def _volume(mesh: Mesh) -> float:
-    """Signed volume, positive where triangles are counter-clockwise from outside."""
-    a, b, c = np.moveaxis((mesh.vertices - mesh.vertices.mean(0))[mesh.faces], 1, 0)
-    return float((a * np.cross(b, c)).sum() / 6)

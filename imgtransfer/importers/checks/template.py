@@ -11,8 +11,9 @@ from imgtransfer.importers.checks.findings import Say, refuse
 from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.weld import weld
 from render import InputError, Mesh, load_mesh
+from render.mesh.measures import face_areas
 
-_FLAT = 1e-12  # m², twice the area of a triangle with sides of a micrometre
+_FLAT = 0.5e-12  # m², the area of a triangle with sides of a micrometre
 
 
 def as_setting(name: str, value: str) -> str:
@@ -67,8 +68,7 @@ def _check_cloth(mesh: Mesh) -> None:
             f"{mesh.source}: {(~used).sum()} vertices belong to no triangle (vertex {int(np.argmin(used))} first), and "
             "cannot move with the cloth; delete them"
         )
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
-    flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) < _FLAT
+    flat = face_areas(mesh.vertices, mesh.faces) < _FLAT
     if flat.any():
         raise InputError(
             f"{mesh.source}: {flat.sum()} triangles have no area (triangle {int(np.argmax(flat))} first, vertices "

@@ -30,6 +30,7 @@ from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, Mesh, load_mesh
 from render.files.naming import natural_sort
+from render.mesh.measures import edge_lengths
 
 FPS = 30.0
 ROOT = np.array(
@@ -127,9 +128,8 @@ def _clip(path: Path, template: Mesh, model: SmplModel, options: ImportOptions) 
 
 def _unit(path: Path, moved: np.ndarray, template: Mesh) -> float:
     """Metres a unit of the simulated vertices, a power of ten, by the lengths of the edges."""
-    start, end = template.edges.T
-    rest = np.median(np.linalg.norm(template.vertices[end] - template.vertices[start], axis=-1))
-    found = np.median(np.linalg.norm(moved[0, end] - moved[0, start], axis=-1))
+    rest = np.median(edge_lengths(template.vertices, template.edges))
+    found = np.median(edge_lengths(moved[0], template.edges))
     ratio = float(rest / found) if found > 1e-9 else 0.0
     unit = 10.0 ** round(np.log10(ratio)) if ratio > 0 else 0.0
     if not 0.7 < ratio / max(unit, 1e-9) < 1.4:

@@ -19,6 +19,7 @@ from imgtransfer.simulation.motion_config import SequenceFiles
 from render import InputError, Mesh
 from render.files.frame_files import frame_files
 from render.files.point_caches import SUFFIXES as CACHES
+from render.mesh.measures import edge_lengths
 
 _SCALE = 1.5  # by which a body's edges may be longer or shorter than in its rest pose, in the middle
 _TORN = 1.5, 0.2  # by what factor edges change less, apart from a common one, and in what part of them more
@@ -151,10 +152,9 @@ def _check_like_rest(sequence: MeshSequence, rest: Mesh, vertices: np.ndarray) -
     Raises:
         InputError: other units, or the vertices of another mesh.
     """
-    start, end = rest.edges.T
-    lengths = np.linalg.norm(rest.vertices[end] - rest.vertices[start], axis=1)
+    lengths = edge_lengths(rest.vertices, rest.edges)
     for frame in sorted({0, len(vertices) // 2, len(vertices) - 1}):
-        moved = np.linalg.norm(vertices[frame, end] - vertices[frame, start], axis=1)
+        moved = edge_lengths(vertices[frame], rest.edges)
         ratio = moved[lengths > 0] / lengths[lengths > 0]
         middle = float(np.median(ratio))
         apart = np.abs(np.log(np.maximum(ratio, 1e-9) / max(middle, 1e-9))) > np.log(_TORN[0])

@@ -15,16 +15,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from render.mesh.factor import Factor
+from render.mesh.rigid import rigid_rotation
 
 _COTANGENTS = (0.05, 20.0)  # weights of slivers are kept within, so that the system stays definite
 _FLAT = 1e-12  # m², twice the area below which a triangle has no direction
-
-
-def rigid_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(3, 3) the rotation that brings points (N, 3) nearest to others (N, 3), about their centroids (Kabsch 1976)."""
-    left, _, right = np.linalg.svd((end - end.mean(axis=0)).T @ (start - start.mean(axis=0)))
-    signs = np.array([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)])
-    return (left * signs) @ right
 
 
 class ShapeInterpolation:

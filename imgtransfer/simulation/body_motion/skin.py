@@ -7,8 +7,10 @@ from scipy.spatial import cKDTree
 
 from imgtransfer.running.extras import optional
 from imgtransfer.simulation.config import SolverConfig
+from render.mesh.measures import face_areas
 
 _COVERED = 0.06  # metres between the cloth and the skin that it lies on, at most
+_FLAT = 0.5e-12  # m², up to which a triangle has no axes
 
 
 def covered_skin(cloth: np.ndarray, skin: np.ndarray) -> np.ndarray:
@@ -53,7 +55,7 @@ class SkinPoints:
         if not len(points):
             return
         rest = rest.astype(np.float64)
-        spanning = faces[_area(rest[faces]) > 1e-12].astype(np.int32)
+        spanning = faces[face_areas(rest, faces) > _FLAT].astype(np.int32)
         _, nearest, self._weights = optional("gpytoolbox", "simulate", "simulation").squared_distance(
             points.astype(np.float64), rest, F=spanning, use_cpp=True
         )
@@ -73,11 +75,6 @@ class SkinPoints:
         normal = _unit(np.cross(first, corners[..., 2, :] - corners[..., 0, :]))
         frames = np.stack([first, np.cross(normal, first), normal], axis=-1)
         return np.einsum("pk,...pkx->...px", self._weights, corners), frames
-
-
-def _area(corners: np.ndarray) -> np.ndarray:
-    """(G,) twice the areas of triangles (G, 3, 3)."""
-    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

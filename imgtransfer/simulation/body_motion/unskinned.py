@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip_parts import Skeleton
 from imgtransfer.data.grid import round_to_grid
@@ -16,10 +15,11 @@ from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import seam_groups
 from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
 from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_fractions
-from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation, rigid_rotation
+from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation
 from imgtransfer.simulation.body_motion.skin import SkinPoints, covered_skin
 from imgtransfer.simulation.config import SimulateConfig
 from render import InputError, Mesh
+from render.mesh.rigid import heading, rigid_rotation
 
 
 class MeshBodyMotion(BodyMotion):
@@ -81,12 +81,6 @@ def needs_template(garment: GarmentConfig) -> str:
         f"a {garment.kind} cannot be cut for a body mesh sequence, which has no skeleton; give your own garment by "
         "--template FILE, or by `garment: {kind: template, path: FILE}` in the configuration"
     )
-
-
-def heading(rotation: np.ndarray) -> np.ndarray:
-    """(3, 3) the part of a rotation that turns about +y (swing-twist decomposition)."""
-    _, y, _, w = Rotation.from_matrix(rotation).as_quat()
-    return Rotation.from_rotvec([0.0, 2 * np.arctan2(y, w), 0.0]).as_matrix()
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 from imgtransfer.running.extras import optional
 from imgtransfer.simulation.cloth.descent import CONTACT_DAMPING, ClothDescent
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
+from render.mesh.measures import edge_lengths
 from render.mesh.mesh import Mesh
 
 GRAVITY = (0.0, -9.81, 0.0)  # m/s²
@@ -46,7 +47,7 @@ class ClothOnBody:
     ) -> None:
         warp, newton = _libraries()
         builder = newton.ModelBuilder(up_axis=newton.Axis.Y, gravity=GRAVITY)
-        edge = np.linalg.norm(np.diff(cloth.vertices[cloth.edges], axis=1), axis=-1).mean()
+        edge = edge_lengths(cloth.vertices, cloth.edges).mean()
         hinge = 2 / np.sqrt(3) * material.bending / edge
         # Only vertices meet the skin. Between them a straight edge on a round limb would sink in by its sagitta.
         kept = material.thickness + edge**2 / (8 * _ROUND)

@@ -15,7 +15,7 @@ from fusion.losses import (
 from fusion.solvers.energy import TERMS, Energy
 from fusion.solvers.pixel_faces import PixelFaces, gradient_laplacian
 from render import Mesh
-from render.mesh.mesh import safe_normalize
+from render.mesh.normals import safe_normalize
 from tests.helpers.fusion_examples import imager_of, tube, wrinkled
 
 WEIGHTS = {

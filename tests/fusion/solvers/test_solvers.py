@@ -17,7 +17,7 @@ from fusion.solvers.quasi_newton import _PAIRS, _Memory
 from fusion.stages import StageProblem, edge_weights, normal_weights, total
 from render import InputError, Mesh, TemplateImager
 from render.mesh.factor import Factor
-from render.mesh.mesh import safe_normalize
+from render.mesh.normals import safe_normalize
 from tests.helpers.fusion_examples import (
     cylinder_body,
     imager_of,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imgtransfer.data.canonical import heading, root_frames
+from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip
 from render import InputError
 
@@ -59,19 +59,6 @@ def test_a_clip_without_poses_gets_the_best_rigid_fit(tube_clip: Clip) -> None:
     frames = root_frames(still, "root")
     np.testing.assert_allclose(frames.rotation[0], turn.as_matrix(), atol=1e-6)
     np.testing.assert_allclose(frames.to_canonical(body)[0], tube_clip.body.rest, atol=1e-5)
-
-
-def test_heading_is_a_turn_about_the_vertical_whatever_the_rotation() -> None:
-    rotations = Rotation.random(50, random_state=0).as_matrix()
-    found = heading(rotations)
-    np.testing.assert_allclose(found @ [0, 1, 0], np.tile([0.0, 1, 0], (50, 1)), atol=1e-12)
-    turned = Rotation.from_rotvec([0, 0.7, 0]).as_matrix()
-    np.testing.assert_allclose(heading(turned @ rotations), turned @ found, atol=1e-9)
-
-
-def test_a_body_upside_down_has_the_identity_as_heading() -> None:
-    upside_down = np.diag([-1.0, -1.0, 1.0])[None]  # half a turn about z
-    np.testing.assert_allclose(heading(upside_down)[0], np.eye(3), atol=1e-9)
 
 
 def test_results_that_are_not_finite_do_not_reach_the_world(tube_clip: Clip) -> None:

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from render import InputError, MapOperator, Raster, frame_cameras, rasterize
-from render.mesh.sparse import SparseProduct
 from tests.helpers.example_meshes import random_soup, tube, two_triangles
 
 DEVICES = ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]
@@ -162,13 +161,6 @@ def test_no_frames_and_no_channels_are_fine(dtype):
     assert operator(torch.zeros(0, 240, 3, dtype=dtype)).shape == (0, 2, 24, 32, 3)
     assert operator(torch.zeros(2, 240, 0, dtype=dtype)).shape == (2, 2, 24, 32, 0)
     assert operator.adjoint(torch.zeros(0, 2, 24, 32, 3, dtype=dtype)).shape == (0, 240, 3)
-
-
-def test_a_matrix_without_entries_gives_zeros():
-    none = np.zeros(0, np.int64)
-    product = SparseProduct(none, none, np.zeros(0), (4, 3))
-    assert torch.equal(product(torch.ones(2, 3, 5)), torch.zeros(2, 4, 5))
-    assert torch.equal(product.transposed(torch.ones(4, 5)), torch.zeros(3, 5))
 
 
 @pytest.mark.parametrize("device", DEVICES)

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
-import torch
 
-from render import InputError, Mesh, vertex_normals
+from render import InputError, Mesh
 from render.mesh.mesh import check_finite
-from tests.helpers.example_meshes import sphere, two_triangles
+from tests.helpers.example_meshes import two_triangles
 
 SQUARE = two_triangles()
 
@@ -30,40 +29,6 @@ def test_unusable_meshes_are_refused(vertices, faces, message):
         Mesh(np.array(vertices), np.array(faces), source="shirt.obj")
     assert str(caught.value).startswith("shirt.obj: ")
     assert "\n" not in str(caught.value)
-
-
-def test_vertex_normals_are_weighted_by_area():
-    # At vertex 0 a face of area 0.5 facing +z and one of area 1 facing +x meet.
-    vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 2]], dtype=torch.float64)
-    normals = vertex_normals(vertices, torch.tensor([[0, 1, 2], [0, 2, 3]]))
-    expected = torch.tensor([2.0, 0, 1], dtype=torch.float64) / 5**0.5
-    torch.testing.assert_close(normals[0], expected)
-    torch.testing.assert_close(normals[1], torch.tensor([0.0, 0, 1], dtype=torch.float64))
-    torch.testing.assert_close(normals[3], torch.tensor([1.0, 0, 0], dtype=torch.float64))
-
-
-def test_vertex_normals_of_a_sphere_point_outwards():
-    mesh = sphere()
-    normals = vertex_normals(torch.tensor(mesh.vertices), torch.tensor(mesh.faces))
-    assert (normals * torch.tensor(mesh.vertices) / 0.3).sum(-1).min() > 0.99
-
-
-def test_vertex_normals_without_area_are_zero_with_finite_gradient():
-    vertices = torch.zeros(4, 3, dtype=torch.float64, requires_grad=True)
-    normals = vertex_normals(vertices, torch.tensor([[0, 1, 2]]))
-    normals.sum().backward()
-    assert (normals == 0).all()
-    assert torch.isfinite(vertices.grad).all()
-
-
-def test_vertex_normals_gradient_and_batch():
-    mesh = sphere(around=6, along=5)
-    faces = torch.tensor(mesh.faces)
-    vertices = torch.tensor(mesh.vertices, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda v: vertex_normals(v, faces), vertices)
-    batch = torch.stack([vertices, vertices * torch.tensor([1, 2, 3])])
-    for k in range(2):
-        torch.testing.assert_close(vertex_normals(batch, faces)[k], vertex_normals(batch[k], faces))
 
 
 @pytest.mark.parametrize(

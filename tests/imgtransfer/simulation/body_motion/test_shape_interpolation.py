@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.anny import load_body
 from imgtransfer.bodies.smpl import JOINTS
-from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation, rigid_rotation
+from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation
 from render import Mesh
 
 BODY = load_body()
@@ -108,10 +108,3 @@ def test_a_triangle_without_area_does_no_harm():
     flat[5] = flat[4]  # the end has a collapsed edge
     half = ShapeInterpolation(CUBE, flat, faces).at(0.5)
     assert np.isfinite(half).all()
-
-
-def test_rigid_rotation_is_found_among_noise():
-    turn = Rotation.from_rotvec([0.3, -2.0, 0.5]).as_matrix()
-    np.testing.assert_allclose(rigid_rotation(CUBE, CUBE @ turn.T + 5), turn, atol=1e-12)
-    mirrored = rigid_rotation(CUBE, CUBE * [-1, 1, 1])
-    assert np.linalg.det(mirrored) == pytest.approx(1)

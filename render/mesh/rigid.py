@@ -1,0 +1,60 @@
+"""Rotations of meshes: the rigid fit of one point set to another, and the parts of a rotation."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+_UP = np.array([0.0, 1.0, 0.0])
+
+
+def rigid_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The rotation that brings points nearest to others about the means of both (Kabsch 1976).
+
+    Args:
+        start, end: (N, 3) floating point, point by point the same.
+
+    Returns:
+        (3, 3) float64, of determinant 1 even where a mirror image would fit better. Where several rotations fit alike
+        (points on a line, or all at one place) one of them; the identity for points that stay.
+    """
+    covariance = (end - end.mean(axis=0)).T.astype(np.float64) @ (start - start.mean(axis=0)).astype(
+        np.float64
+    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Optimal rotation is not uniquely or poorly defined", UserWarning)
+        # The fit knows the points by their covariance only, so three vectors stand for all of them.
+        turn, _ = Rotation.align_vectors(covariance.T, np.eye(3))
+    return turn.as_matrix()
+
+
+def twist_angle(rotation: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """How far rotations turn about an axis (swing-twist decomposition).
+
+    Args:
+        rotation: (3, 3) or (T, 3, 3).
+        axis: (3,) of length 1.
+
+    Returns:
+        () or (T,) radians, from -2π to 2π; 0 for half turns about an axis that is orthogonal to this one, which have
+        no twist.
+    """
+    quaternion = Rotation.from_matrix(rotation).as_quat()  # x, y, z, w
+    return 2 * np.arctan2(quaternion[..., :3] @ axis, quaternion[..., 3])
+
+
+def heading(rotation: np.ndarray) -> np.ndarray:
+    """The part of rotations that turns about +y, the vertical.
+
+    It stays defined when the body lies or bends until it faces the floor; only a root that hangs exactly
+    upside down has no heading, and then the identity is returned.
+
+    Args:
+        rotation: (3, 3) or (T, 3, 3).
+
+    Returns:
+        Like `rotation`, float64.
+    """
+    return Rotation.from_rotvec(twist_angle(rotation, _UP)[..., None] * _UP).as_matrix()
