@@ -11,10 +11,10 @@ from .maps.encoding import encode_normals as encode_normals
 from .maps.imager import TemplateImager as TemplateImager
 from .maps.map_file import MapFile as MapFile
 from .maps.map_file import Maps as Maps
-from .maps.map_reader import load_maps as load_maps
-from .maps.map_reader import open_maps as open_maps
-from .maps.map_writer import save_maps as save_maps
-from .maps.map_writer import written_maps as written_maps
+from .maps.map_io import load_maps as load_maps
+from .maps.map_io import open_maps as open_maps
+from .maps.map_io import save_maps as save_maps
+from .maps.map_io import written_maps as written_maps
 from .maps.operator import MapOperator as MapOperator
 from .mesh.mesh import Mesh as Mesh
 from .mesh.normals import vertex_normals as vertex_normals

@@ -7,8 +7,8 @@ from .encoding import encode_normals as encode_normals
 from .imager import TemplateImager as TemplateImager
 from .map_file import MapFile as MapFile
 from .map_file import Maps as Maps
-from .map_reader import load_maps as load_maps
-from .map_reader import open_maps as open_maps
-from .map_writer import save_maps as save_maps
-from .map_writer import written_maps as written_maps
+from .map_io import load_maps as load_maps
+from .map_io import open_maps as open_maps
+from .map_io import save_maps as save_maps
+from .map_io import written_maps as written_maps
 from .operator import MapOperator as MapOperator
