@@ -36,7 +36,7 @@ class Mirror:
         self._twice_m = 2 * centre
         self._twice = 2 * (centre - float(box.lo[0])) / float(box.hi[0] - box.lo[0])
         self._garment, self._body = mask[..., None], body_mask[..., None]
-        self.mask = mask.flip(-1)
+        self.mask = _reversed(mask[..., None])[..., 0]
 
     def garment(self, images: ImagePair) -> ImagePair:
         """Mirrored images of the garment; their silhouette is `mask`."""
@@ -54,7 +54,7 @@ class Mirror:
         rotation = guess.rotation
         if rotation is not None:  # M R M with M = diag(-1, 1, 1)
             sign = rotation.new_tensor([-1.0, 1.0, 1.0])
-            rotation = (rotation * sign[:, None] * sign).flip(-3)
+            rotation = _reversed((rotation * sign[:, None] * sign).flatten(-2)).unflatten(-1, (3, 3))
         kept = self._garment
         return Guess(_flip(guess.positions, self._twice_m, kept), _flip(guess.normals, 0.0, kept), rotation)
 
@@ -62,4 +62,12 @@ class Mirror:
 def _flip(images: Tensor, twice: float, kept: Tensor) -> Tensor:
     """(..., H, W, 3): first channel c to `twice` - c where `kept`, then columns in reverse."""
     sign, shift = images.new_tensor([-1.0, 1.0, 1.0]), images.new_tensor([twice, 0.0, 0.0])
-    return ((images * sign + shift) * kept).flip(-2)
+    return _reversed((images * sign + shift) * kept)
+
+
+def _reversed(images: Tensor) -> Tensor:
+    """(..., H, W, C): columns in reverse, laid out in memory as before: convolutions round by the layout."""
+    from kornia.geometry.transform import hflip  # noqa: PLC0415  (most of a second that only mirroring need pay)
+
+    flipped: Tensor = hflip(images.movedim(-1, -3))
+    return flipped.movedim(-3, -1).contiguous()
