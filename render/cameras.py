@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.errors import InputError
 from render.limits import MAX_LAYERS
@@ -33,8 +34,8 @@ class Camera:
     """
 
     name: str
-    view: np.ndarray
-    projection: np.ndarray
+    view: NDArray[np.float64]
+    projection: NDArray[np.float64]
     size: tuple[int, int]
     layer: int = 0
 
@@ -63,7 +64,7 @@ class Camera:
         """Distance of the near plane in metres."""
         return float(self.projection[2, 3] / (self.projection[2, 2] - 1))
 
-    def project(self, points: np.ndarray) -> np.ndarray:
+    def project(self, points: np.ndarray) -> NDArray[np.float64]:
         """Where points fall in the image.
 
         Args:
@@ -76,11 +77,11 @@ class Camera:
         """
         return self.to_pixels(self.to_camera(points))
 
-    def to_camera(self, points: np.ndarray) -> np.ndarray:
+    def to_camera(self, points: np.ndarray) -> NDArray[np.float64]:
         """World points (..., 3) in camera coordinates, float64, metres."""
         return _transform(self.view[:3], np.asarray(points, np.float64))
 
-    def to_pixels(self, seen: np.ndarray) -> np.ndarray:
+    def to_pixels(self, seen: NDArray[np.float64]) -> NDArray[np.float64]:
         """As `project`, for points (..., 3) float64 in camera coordinates."""
         clip = _transform(self.projection, seen)
         depth = clip[..., 3]
@@ -91,7 +92,7 @@ class Camera:
         return np.stack([x, y, depth], axis=-1)
 
 
-def _transform(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _transform(matrix: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(K, 4) matrix times (..., 3) points with a 1 -> (..., K).
 
     Term by term: matrix products round by where in an array a point stands, and then faces would not meet.

@@ -153,7 +153,7 @@ def scale_bar(width: int, top: float, unit: str = "") -> np.ndarray:
 def heat_colours(values: np.ndarray) -> np.ndarray:
     """Values (...,) from 0 to 1 (clipped) to colours (..., 3) uint8, RGB, dark to bright."""
     levels = (np.clip(values, 0, 1) * 255).round().astype(np.uint8)
-    coloured = cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_VIRIDIS)
+    coloured: np.ndarray = cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_VIRIDIS)
     return coloured.reshape(*levels.shape, 3)[..., ::-1].copy()
 
 
@@ -166,7 +166,8 @@ def to_uint8(image: np.ndarray) -> np.ndarray:
         raise InputError(f"a picture must have shape (H, W) or (H, W, 3), found {image.shape}")
     if image.dtype == np.uint8:
         return image
-    return (np.clip(image, 0, 1) * 255).round().astype(np.uint8)
+    pixels: np.ndarray = (np.clip(image, 0, 1) * 255).round().astype(np.uint8)
+    return pixels
 
 
 def write_png(path: Path | str, image: np.ndarray) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from render.errors import InputError
 from render.files.atomic import check_regular
-from render.files.npz import available_bytes
+from render.memory import available_bytes
 
 _LFS = b"version https://git-lfs"
 

@@ -53,11 +53,13 @@ class PositionBox:
 
     def encode(self, positions: Values) -> Values:
         """Positions (..., 3) in metres to [0, 1] inside the box; dtype and device are kept."""
-        return (positions - _like(self.lo, positions)) / _like(self.hi - self.lo, positions)
+        encoded: Values = (positions - _like(self.lo, positions)) / _like(self.hi - self.lo, positions)
+        return encoded
 
     def decode(self, colours: Values) -> Values:
         """The inverse of `encode`: (..., 3) to metres. Background pixels decode to `lo`: use the mask."""
-        return colours * _like(self.hi - self.lo, colours) + _like(self.lo, colours)
+        positions: Values = colours * _like(self.hi - self.lo, colours) + _like(self.lo, colours)
+        return positions
 
 
 def encode_normals(normals: Values) -> Values:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.cameras import Camera
 from render.mesh.mesh import Mesh
@@ -31,14 +32,14 @@ class _Window:
     shows, relative to the vertex; footprint (V, 1): metres a pixel spans at the vertex's depth.
     """
 
-    index: np.ndarray
-    usable: np.ndarray
-    offset: np.ndarray
-    position: np.ndarray
-    footprint: np.ndarray
+    index: NDArray[np.int64]
+    usable: NDArray[np.bool_]
+    offset: NDArray[np.float64]
+    position: NDArray[np.float64]
+    footprint: NDArray[np.float64]
 
     @property
-    def distance(self) -> np.ndarray:
+    def distance(self) -> NDArray[np.float64]:
         return np.hypot(self.offset[..., 0], self.offset[..., 1])
 
 
@@ -124,19 +125,20 @@ def _slopes(mesh: Mesh, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return of_face, of_vertex
 
 
-def _plain_weights(window: _Window, usable: np.ndarray) -> np.ndarray:
+def _plain_weights(window: _Window, usable: np.ndarray) -> NDArray[np.float64]:
     """(V, K): bilinear over usable pixels with sum 1, else the nearest usable one within reach, else 0."""
     bilinear = np.clip(1 - np.abs(window.offset), 0, None).prod(-1) * usable
     total = bilinear.sum(axis=1, keepdims=True)
     near = np.where(usable & (window.distance <= _REACH), window.distance, np.inf)
-    weights = np.zeros_like(bilinear)
+    weights: NDArray[np.float64] = np.zeros_like(bilinear)
     weights[np.arange(len(near)), near.argmin(axis=1)] = np.isfinite(near.min(axis=1))
     # Below a thousandth the four neighbours tell no more than the nearest pixel, and rounding would be blown
     # up.
-    return np.divide(bilinear, total, out=weights, where=total > 1e-3)
+    np.divide(bilinear, total, out=weights, where=total > 1e-3)
+    return weights
 
 
-def _affine_correction(window: _Window, usable: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _affine_correction(window: _Window, usable: np.ndarray, weights: np.ndarray) -> NDArray[np.float64]:
     """(V, K) change of the weights, of sum 0, that brings Σ weight · position to 0: damped least squares."""
     support = (usable & (window.distance <= _FIT_REACH))[..., None]
     position = window.position / window.footprint[..., None]
@@ -144,4 +146,7 @@ def _affine_correction(window: _Window, usable: np.ndarray, weights: np.ndarray)
     spread = (position - mean) * support
     missing = -(weights[..., None] * position).sum(axis=1)
     gram = np.einsum("vki,vkj->vij", spread, spread) + _FIT_DAMPING * np.eye(3)
-    return np.einsum("vki,vi->vk", spread, np.linalg.solve(gram, missing[..., None])[..., 0])
+    change: NDArray[np.float64] = np.einsum(
+        "vki,vi->vk", spread, np.linalg.solve(gram, missing[..., None])[..., 0]
+    )
+    return change

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 def edge_lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -15,7 +16,8 @@ def edge_lengths(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
     Returns:
         (..., E), dtype of `points`.
     """
-    return np.linalg.norm(points[..., edges[:, 1], :] - points[..., edges[:, 0], :], axis=-1)
+    lengths: np.ndarray = np.linalg.norm(points[..., edges[:, 1], :] - points[..., edges[:, 0], :], axis=-1)
+    return lengths
 
 
 def face_areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -30,10 +32,11 @@ def face_areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
     corners = points[faces]
     sides = corners[:, 1:] - corners[:, :1]
-    return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
+    areas: np.ndarray = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
+    return areas
 
 
-def area_fractions(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def area_fractions(points: np.ndarray, faces: np.ndarray) -> NDArray[np.float64]:
     """What fraction of a mesh's area belongs to each vertex: a third of every face around it.
 
     Args:
@@ -45,7 +48,8 @@ def area_fractions(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
     sums = np.zeros(len(points))
     np.add.at(sums, faces, face_areas(points, faces)[:, None])
-    return sums / sums.sum()
+    fractions: NDArray[np.float64] = sums / sums.sum()
+    return fractions
 
 
 def volume(points: np.ndarray, faces: np.ndarray) -> float:

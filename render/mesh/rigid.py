@@ -5,12 +5,13 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 _UP = np.array([0.0, 1.0, 0.0])
 
 
-def rigid_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+def rigid_rotation(start: np.ndarray, end: np.ndarray) -> NDArray[np.float64]:
     """The rotation that brings points nearest to others about the means of both (Kabsch 1976).
 
     Args:
@@ -27,10 +28,11 @@ def rigid_rotation(start: np.ndarray, end: np.ndarray) -> np.ndarray:
         warnings.filterwarnings("ignore", "Optimal rotation is not uniquely or poorly defined", UserWarning)
         # The fit knows the points by their covariance only, so three vectors stand for all of them.
         turn, _ = Rotation.align_vectors(covariance.T, np.eye(3))
-    return turn.as_matrix()
+    rotation: NDArray[np.float64] = turn.as_matrix()
+    return rotation
 
 
-def twist_angle(rotation: np.ndarray, axis: np.ndarray) -> np.ndarray:
+def twist_angle(rotation: np.ndarray, axis: np.ndarray) -> NDArray[np.float64]:
     """How far rotations turn about an axis (swing-twist decomposition).
 
     Args:
@@ -41,11 +43,12 @@ def twist_angle(rotation: np.ndarray, axis: np.ndarray) -> np.ndarray:
         () or (T,) radians, from -2π to 2π; 0 for half turns about an axis that is orthogonal to this one, which have
         no twist.
     """
-    quaternion = Rotation.from_matrix(rotation).as_quat()  # x, y, z, w
-    return 2 * np.arctan2(quaternion[..., :3] @ axis, quaternion[..., 3])
+    quaternion: NDArray[np.float64] = Rotation.from_matrix(rotation).as_quat()  # x, y, z, w
+    sine: NDArray[np.float64] = quaternion[..., :3] @ axis
+    return 2 * np.arctan2(sine, quaternion[..., 3])
 
 
-def heading(rotation: np.ndarray) -> np.ndarray:
+def heading(rotation: np.ndarray) -> NDArray[np.float64]:
     """The part of rotations that turns about +y, the vertical.
 
     It stays defined when the body lies or bends until it faces the floor; only a root that hangs exactly
@@ -57,4 +60,5 @@ def heading(rotation: np.ndarray) -> np.ndarray:
     Returns:
         Like `rotation`, float64.
     """
-    return Rotation.from_rotvec(twist_angle(rotation, _UP)[..., None] * _UP).as_matrix()
+    turns: NDArray[np.float64] = Rotation.from_rotvec(twist_angle(rotation, _UP)[..., None] * _UP).as_matrix()
+    return turns

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import torch
@@ -43,7 +45,7 @@ class SparseProduct:
         forward, transposed = self.placed(dense.device, dense.dtype)
         return _product(dense, transposed, forward)
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles rebuild the matrix: torch can copy no CSR tensors."""
         entries = self._forward.to_sparse_coo()
         rows, columns = entries.indices().numpy()
@@ -114,7 +116,7 @@ def _product(dense: torch.Tensor, matrix: _Matrix, transposed: _Matrix) -> torch
             f"{matrix.shape[1]} values expected along the second last axis, found {tuple(dense.shape)}"
         )
     frames = dense.shape[:-2].numel()
-    product = _SparseDense.apply(dense.reshape(frames, *dense.shape[-2:]), matrix, transposed)
+    product = _sparse_dense(dense.reshape(frames, *dense.shape[-2:]), matrix, transposed)
     return product.reshape(*dense.shape[:-2], matrix.shape[0], dense.shape[-1])
 
 
@@ -122,15 +124,18 @@ class _SparseDense(torch.autograd.Function):
     """matrix @ dense for dense (T, columns, C); torch's own would build the transpose again at every backward."""
 
     @staticmethod
-    def forward(ctx, dense, matrix, transposed):  # type: ignore[no-untyped-def]
+    def forward(ctx: Any, dense: torch.Tensor, matrix: _Matrix, transposed: _Matrix) -> torch.Tensor:
         ctx.matrices = matrix, transposed
         with torch.autocast(dense.device.type, enabled=False):
             return _frames_product(dense, matrix)
 
     @staticmethod
-    def backward(ctx, gradient):  # type: ignore[no-untyped-def]
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
         matrix, transposed = ctx.matrices
-        return _SparseDense.apply(gradient, transposed, matrix), None, None
+        return _sparse_dense(gradient, transposed, matrix), None, None
+
+
+_sparse_dense: Callable[[torch.Tensor, _Matrix, _Matrix], torch.Tensor] = _SparseDense.apply
 
 
 def _frames_product(dense: torch.Tensor, matrix: _Matrix) -> torch.Tensor:

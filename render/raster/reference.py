@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.raster.peeling import NearestLayers
 from render.raster.screen import ScreenFaces, expand
@@ -48,7 +49,7 @@ def _chunks(counts: np.ndarray) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(counts)], strict=True)]
 
 
-def covers(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+def covers(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(K,) bool: whether triangles (K, 3, 2) cover points (K, 2).
 
     The edge function is always evaluated from the end that comes first in (x, y) order and its sign is
@@ -67,5 +68,5 @@ def covers(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     return inside
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

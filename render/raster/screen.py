@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.cameras import Camera
 from render.mesh.mesh import Mesh
@@ -25,16 +26,17 @@ class ScreenFaces:
         nearest: (K,) float64, metres, the depth of the nearest corner.
     """
 
-    ids: np.ndarray
-    corners: np.ndarray
-    plane: np.ndarray
-    nearest: np.ndarray
+    ids: NDArray[np.int64]
+    corners: NDArray[np.float64]
+    plane: NDArray[np.float64]
+    nearest: NDArray[np.float64]
 
-    def reciprocal_depth(self, index: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def reciprocal_depth(self, index: np.ndarray, points: np.ndarray) -> NDArray[np.float64]:
         """1 / depth of faces `index` (...,) (into `ids`) at image points (..., 2) in pixels."""
         offset = points - self.corners[index, 0]
         plane = self.plane[index]
-        return plane[..., 0] + (plane[..., 1:] * offset).sum(axis=-1)
+        value: NDArray[np.float64] = plane[..., 0] + (plane[..., 1:] * offset).sum(axis=-1)
+        return value
 
 
 def screen_faces(mesh: Mesh, camera: Camera) -> ScreenFaces:
@@ -55,7 +57,7 @@ def screen_faces(mesh: Mesh, camera: Camera) -> ScreenFaces:
     return ScreenFaces(ids, triangles[:, :, :2], plane, triangles[:, :, 2].min(axis=1))
 
 
-def before_plane(corners: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+def before_plane(corners: NDArray[np.float64], near: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The parts of triangles that lie at a depth of at least `near`.
 
     Args:
@@ -92,11 +94,13 @@ def before_plane(corners: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarr
     return owner[order], parts[order]
 
 
-def _cut(tip: np.ndarray, end: np.ndarray, tip_first: np.ndarray, near: float) -> np.ndarray:
+def _cut(
+    tip: NDArray[np.float64], end: NDArray[np.float64], tip_first: NDArray[np.bool_], near: float
+) -> NDArray[np.float64]:
     """(K, 3): where edges meet the near plane; reckoned from the corner of lower index on, whoever asks."""
     low, high = np.where(tip_first[:, None], tip, end), np.where(tip_first[:, None], end, tip)
-    share = (-near - low[:, 2]) / (high[:, 2] - low[:, 2])
-    point = low + (high - low) * share[:, None]
+    fraction = (-near - low[:, 2]) / (high[:, 2] - low[:, 2])
+    point: NDArray[np.float64] = low + (high - low) * fraction[:, None]
     point[:, 2] = -near
     return point
 

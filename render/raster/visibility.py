@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.cameras import Camera
 from render.mesh.mesh import Mesh
@@ -14,7 +15,7 @@ from render.raster.screen import expand, screen_faces
 _CLEARANCE = 1e-6
 
 
-def visible_vertices(mesh: Mesh, camera: Camera) -> np.ndarray:
+def visible_vertices(mesh: Mesh, camera: Camera) -> NDArray[np.bool_]:
     """Vertices that lie on the camera's layer, decided against the mesh itself, not its pixels.
 
     A vertex is hidden by every face that it is no corner of, that covers its projection and that is nearer; it
@@ -57,4 +58,5 @@ def visible_vertices(mesh: Mesh, camera: Camera) -> np.ndarray:
     point = projected[vertex, :2]
     face_depth = 1 / np.maximum(faces.reciprocal_depth(face, point), 1e-12)
     hides = covers(faces.corners[face], point) & (face_depth < projected[vertex, 2] - _CLEARANCE)
-    return seen & (np.bincount(vertex[hides], minlength=len(seen)) == camera.layer)
+    layer: NDArray[np.bool_] = seen & (np.bincount(vertex[hides], minlength=len(seen)) == camera.layer)
+    return layer
