@@ -22,8 +22,7 @@ class Camera:
         name: what messages and pictures call the view.
         view: (4, 4) float64, world to camera coordinates in metres; the camera looks along its -z, y up.
         projection: (4, 4) float64, camera to clip coordinates, OpenGL's perspective form (last row 0 0 -1 0).
-            Its near plane is kept by the rasteriser, its far plane is for other renderers: nothing is clipped
-                at it.
+            Its near plane is kept by the rasteriser; its far plane is for other renderers, nothing is clipped at it.
         size: (height, width) of the image in pixels.
         layer: which surface along each ray the image shows: 0 the nearest, 1 the second, and so on; both sides
             of every face are surfaces.
@@ -71,9 +70,9 @@ class Camera:
             points: (..., 3), metres, world coordinates.
 
         Returns:
-            (..., 3) float64: x and y in pixels (pixel (row i, column j) has its centre at x = j + 0.5, y = i
-            + 0.5, y downwards) and the depth in metres along the viewing axis. Not cut at the image's border.
-            x and y are NaN for points that are not in front of the camera (depth <= 0).
+            (..., 3) float64: x and y in pixels (y downwards; pixel (row i, column j) has its centre at x = j + 0.5,
+            y = i + 0.5) and the depth in metres along the viewing axis. Not cut at the image's border. x and y are
+            NaN for points that are not in front of the camera (depth <= 0).
         """
         return self.to_pixels(self.to_camera(points))
 
@@ -81,9 +80,9 @@ class Camera:
         """World points (..., 3) in camera coordinates, float64, metres."""
         return _transform(self.view[:3], np.asarray(points, np.float64))
 
-    def to_pixels(self, seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_pixels(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """As `project`, for points (..., 3) float64 in camera coordinates."""
-        clip = _transform(self.projection, seen)
+        clip = _transform(self.projection, points)
         depth = clip[..., 3]
         divisor = np.where(depth > 0, depth, np.nan)
         height, width = self.size

@@ -11,8 +11,8 @@ _LONGEST, _END = 1400, 500  # characters, and how many of them are of the end, w
 
 def one_line(text: object) -> str:
     """Text that may come from anybody's file, for the terminal: in one line, no control codes, not endless."""
-    shown = _UNSHOWN.sub(" ", str(text)).strip()
-    return shown if len(shown) <= _LONGEST else f"{shown[: _LONGEST - _END]} ... {shown[-_END:]}"
+    line = _UNSHOWN.sub(" ", str(text)).strip()
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - _END]} ... {line[-_END:]}"
 
 
 class InputError(ValueError):

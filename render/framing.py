@@ -16,7 +16,7 @@ from render.raster.visibility import visible_vertices
 from render.views import View, ViewsSpec, parse_views
 
 _HEIGHTS = (0, -10, 10, -20, 20, -30, 30, -40, 40)  # degrees, what ties prefer first
-# What a tilt must show more, as a share of the vertices per degree: 10 degrees for 0.03 %. Level views keep what
+# What a tilt must show more, as a fraction of the vertices per degree: 10 degrees for 0.03 %. Level views keep what
 # lies behind one another apart at hems and shoulders, and are what people expect to see.
 _PRICE = 3e-5
 
@@ -41,15 +41,15 @@ def frame_cameras(
         size: (height, width) of the images.
         fov_degrees: field of view over the image's shorter side; pixels are square. A narrow one stands farther
             away and sees more of the flanks (the public T-shirt: 93.8 % of the vertices at 30, 95.1 % at 15).
-        margin: share of the image's height and width that stays free at each border.
+        margin: fraction of the image's height and width that stays free at each border.
         layers: how many surfaces deep each view is imaged.
 
     Returns:
         For each view in the order given one camera a layer, named "front", "front/1", "front/2" and so on.
 
     Raises:
-        InputError: unknown or repeated views, none at all, or layers, a size, field of view or margin that make
-            no image.
+        InputError: unknown or repeated views, none at all, or layers, a size, field of
+            view or margin that make no image.
     """
     size = check_size(size)
     if not 1 <= fov_degrees <= 120 or not 0 <= margin < 0.5:

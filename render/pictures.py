@@ -28,8 +28,8 @@ def contact_sheet(
     Args:
         rows: rows of images, each (h, w, 3) or (h, w), uint8 or floating point in [0, 1] (clipped), RGB.
             Cells are as large as the largest image of their column and row; rows may be of different lengths.
-        row_labels: one text a row, written above it; column_labels: one text a column, written at the top;
-            ASCII.
+        row_labels: one text a row, ASCII, written above it.
+        column_labels: one text a column, ASCII, written at the top.
         title: text above everything.
         gap: pixels between images.
 

@@ -21,10 +21,9 @@ SUFFIXES = (".obj", ".ply", ".glb", ".stl")
 def load_mesh(path: Path | str) -> Mesh:
     """Read a triangle mesh.
 
-    OBJ: its own `v` order is kept, vertices that no face uses and texture seams change nothing, polygons
-    become fans.
-    PLY: likewise. GLB: the scene's meshes one after the other, placed by their nodes. STL knows no shared
-    vertices: corners at the same place become one vertex.
+    OBJ: its own `v` order is kept, vertices that no face uses and texture seams change nothing, polygons become fans.
+    PLY: likewise. GLB: the scene's meshes one after the other, placed by their nodes. STL knows no shared vertices:
+    corners at the same place become one vertex.
 
     Args:
         path: a file whose name ends in .obj, .ply, .glb or .stl; metres, y up.

@@ -147,12 +147,12 @@ def joined_crc32(first: int, second: int, length: int) -> int:
 
 def _times(matrix: list[int], vector: int) -> int:
     """Product of bits, sums being exclusive ors."""
-    found = 0
+    product = 0
     for column in matrix:
         if vector & 1:
-            found ^= column
+            product ^= column
         vector >>= 1
-    return found
+    return product
 
 
 def write_npz(path: Path | str, arrays: Mapping[str, Any]) -> None:

@@ -126,8 +126,7 @@ def _surface(path: Path, lines: _Lines, faces: np.ndarray, n_vertices: int) -> S
 
 
 def _library(path: Path, folder: Path) -> str:
-    """The text of a material library with full paths to those textures that are under the mesh's folder; "" where it is
-    missing.
+    """The text of a material library with full paths to the textures in the mesh's folder; "" where it is missing.
 
     Only files that are named as libraries are read: an OBJ file may name any file.
     """
@@ -138,10 +137,10 @@ def _library(path: Path, folder: Path) -> str:
 
 def textures(mtl: str, keyword: str = "map_Kd") -> list[str]:
     """The images that a material library's lines of a keyword name, each once; full paths may have spaces."""
-    found = []
+    images = []
     for line in mtl.splitlines():
         first, *words = line.split() or [""]
         tails = [" ".join(words[start:]) for start in range(len(words))]
         if first == keyword and words:
-            found.append(next((tail for tail in tails if Path(tail).is_absolute()), words[-1]))
-    return list(dict.fromkeys(found))
+            images.append(next((tail for tail in tails if Path(tail).is_absolute()), words[-1]))
+    return list(dict.fromkeys(images))

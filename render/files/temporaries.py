@@ -64,8 +64,9 @@ def put_in_place(temporary: Path, target: Path) -> None:
 
 
 def put_back(folder: Path, *, holding: str) -> None:
-    """Give folders in `folder` their names back that writers which died had moved aside and not replaced; only those
-    with a file `holding`, because others may be the user's.
+    """Give folders in `folder` back the names from which writers that died had moved them aside.
+
+    Only those with a file `holding`, because others may be the user's.
     """
     for path, match in _hidden(folder):
         if match["old"] and (path / holding).is_file():
@@ -79,9 +80,7 @@ def clear_all(folder: Path) -> None:
 
 
 def clear(target: Path) -> None:
-    """Remove what writers of `target` that died have left beside it, and nothing that is the only copy: that is put
-    back.
-    """
+    """Remove what writers of `target` that died have left beside it; what is the only copy is put back instead."""
     start = f".{target.stem}-"
     ours = re.compile(
         rf"\.{re.escape(target.stem)}{_MARK}{re.escape(target.suffix)}|\.{re.escape(target.name)}{_MARK}({re.escape(OLD)})?"
@@ -200,8 +199,8 @@ def _lock(handle: int) -> bool | None:
 
 def _hidden(folder: Path) -> list[tuple[Path, re.Match[str]]]:
     """Temporaries in a folder, the latest first."""
-    found = [(path, match) for path in _entries(folder) if (match := _HIDDEN.fullmatch(path.name))]
-    return sorted(found, key=lambda pair: _age(pair[0]))
+    temporaries = [(path, match) for path in _entries(folder) if (match := _HIDDEN.fullmatch(path.name))]
+    return sorted(temporaries, key=lambda pair: _age(pair[0]))
 
 
 def _entries(folder: Path) -> list[Path]:

@@ -99,15 +99,15 @@ def _step(guide: np.ndarray) -> float:
 
 def _jumps(guide: np.ndarray, limit: float) -> np.ndarray:
     """(S, H, W) bool, pixels with a neighbour in their row or column that is farther than `limit` away."""
-    found = np.zeros(guide.shape[:3], bool)
+    jumping = np.zeros(guide.shape[:3], bool)
     with np.errstate(invalid="ignore"):
         down = np.linalg.norm(np.diff(guide, axis=1), axis=-1) > limit
         across = np.linalg.norm(np.diff(guide, axis=2), axis=-1) > limit
-    found[:, 1:] |= down
-    found[:, :-1] |= down
-    found[:, :, 1:] |= across
-    found[:, :, :-1] |= across
-    return found
+    jumping[:, 1:] |= down
+    jumping[:, :-1] |= down
+    jumping[:, :, 1:] |= across
+    jumping[:, :, :-1] |= across
+    return jumping
 
 
 def _eroded(mask: np.ndarray, erode: int, jumps: np.ndarray | None) -> np.ndarray:
@@ -171,11 +171,11 @@ def _grown(place: np.ndarray, trusted: np.ndarray, wanted: np.ndarray) -> _Entri
     if len(targets) == 0:
         return targets, sources, np.zeros(sources.shape)
     distance, nearest = cKDTree(place[known]).query(place[targets], k=_NEIGHBOURS)
-    found = np.isfinite(distance)  # a small mask has fewer
-    sources[found] = known[nearest[found]]
-    distance = np.where(found, distance, 0)
-    width = distance.sum(1, keepdims=True) / found.sum(1, keepdims=True)
-    weights = np.exp(-0.5 * (distance / np.maximum(width, 1e-9)) ** 2) * found
+    near = np.isfinite(distance)  # a small mask has fewer
+    sources[near] = known[nearest[near]]
+    distance = np.where(near, distance, 0)
+    width = distance.sum(1, keepdims=True) / near.sum(1, keepdims=True)
+    weights = np.exp(-0.5 * (distance / np.maximum(width, 1e-9)) ** 2) * near
     weights /= weights.sum(1, keepdims=True)
     relative = place[sources] - place[targets][:, None]
     middle = (relative * weights[..., None]).sum(1)

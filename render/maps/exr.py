@@ -150,7 +150,7 @@ class ExrFolder:
         )
 
     def _rows(self, start: int, stop: int) -> dict[str, np.ndarray]:
-        found: dict[str, list[Any]] = {}
+        by_name: dict[str, list[Any]] = {}
         for frame in range(start, stop):
             files = [(path, *_read(path)) for path in (self._paths[frame, s] for s in range(self._images))]
             images = [self._alike(path, channels) for path, _, channels in files]
@@ -158,12 +158,12 @@ class ExrFolder:
                 keys = [f"{name}.{axis}" for axis in _AXES]
                 if all(key in self._like for key in keys):
                     stacks = [np.stack([channels[key] for key in keys], -1) for channels in images]
-                    found.setdefault(name, []).append(stacks)
+                    by_name.setdefault(name, []).append(stacks)
             if "confidence" in self._like:
-                found.setdefault("confidence", []).append([channels["confidence"] for channels in images])
+                by_name.setdefault("confidence", []).append([channels["confidence"] for channels in images])
             for key, name in _OF_FRAME.items():
-                found.setdefault(name, []).append(_attribute(*files[0][:2], key))
-        return {name: np.array(values) for name, values in found.items()}
+                by_name.setdefault(name, []).append(_attribute(*files[0][:2], key))
+        return {name: np.array(values) for name, values in by_name.items()}
 
     def _alike(self, path: Path, channels: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The channels; InputError unless they are those of the first file."""
@@ -186,15 +186,15 @@ def _check_agreement(headers: dict[tuple[int, int], tuple[Path, dict[str, Any]]]
 def _meshes(folder: Path) -> dict[str, np.ndarray]:
     """The template, and the rest shape if there is one."""
     template = load_mesh(folder / TEMPLATE)
-    found = {"template_vertices": template.vertices, "template_faces": template.faces}
+    meshes = {"template_vertices": template.vertices, "template_faces": template.faces}
     if (folder / REST).exists():
         rest = load_mesh(folder / REST)
         if not np.array_equal(rest.faces, template.faces):
             raise InputError(
                 f"{folder / REST}: its faces are not those of {TEMPLATE}; the same garment is wanted"
             )
-        found["rest_vertices"] = rest.vertices
-    return found
+        meshes["rest_vertices"] = rest.vertices
+    return meshes
 
 
 def _channels(maps: MapFile, frame: int, image: int) -> dict[str, np.ndarray]:

@@ -77,19 +77,17 @@ class TemplateImager:
             return cls(mesh, tuple(cameras), rasterize(mesh, cameras, backend=backend))
         framed = frame_cameras(mesh, views=views, size=size, layers=layers)
         raster = rasterize(mesh, framed, backend=backend)
-        shown = np.asarray(raster.mask.any(axis=(1, 2)))
-        return cls(mesh, tuple(itertools.compress(framed, shown)), raster.images(shown))
+        visible = np.asarray(raster.mask.any(axis=(1, 2)))
+        return cls(mesh, tuple(itertools.compress(framed, visible)), raster.images(visible))
 
     def position_maps(self, vertices: torch.Tensor, box: PositionBox) -> torch.Tensor:
         """P of equation 1: vertices (..., N, 3) in metres to encoded maps (..., S, H, W, 3), background 0."""
         return self.operator(box.encode(vertices))
 
     def normal_maps(self, vertices: torch.Tensor) -> torch.Tensor:
-        """N of equation 1: vertices (..., N, 3) to maps (..., S, H, W, 3) of their encoded normals,
-        background 0.
+        """N of equation 1: vertices (..., N, 3) to maps (..., S, H, W, 3) of encoded normals, background 0.
 
-        Interpolated between the vertices and not scaled to unit length again, so the map is linear in the
-        normals.
+        Interpolated between the vertices and not scaled to unit length again: the map is linear in the normals.
         """
         return self.operator(encode_normals(self.normals(vertices)))
 

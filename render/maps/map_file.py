@@ -49,8 +49,8 @@ class MapFile:
         views: S names.
         view_matrices, projection_matrices: (S, 4, 4) float64, as in `Camera`.
         template_vertices: (N, 3) float64, metres; template_faces: (F, 3) int64.
-        rotation: (T, 3, 3) float64 and translation: (T, 3) float64, metres: the canonical frame, x = R x' +
-            t.
+        rotation: (T, 3, 3) float64 and translation: (T, 3) float64, metres: the canonical frame,
+            x = R x' + t.
         fps: frames per second.
         layers: (S,) int64, as in `Camera`; all 0 if None.
         confidence: (T, S, H, W) float32, at least 0, weights of the pixels: 1 as usual, 0 to ignore one; None
@@ -149,11 +149,11 @@ class MapFile:
             if values is None or (values.min() >= -most and values.max() <= most):
                 continue
             for frame, images in enumerate(values):  # what is off the silhouette does not count
-                shown = images[self.mask]
-                if shown.size and np.abs(shown).max() > most:
+                covered = images[self.mask]
+                if covered.size and np.abs(covered).max() > most:
                     raise InputError(
-                        f"maps: {name} of frame {frame} has {np.abs(shown).max():g}; encoded values are about 0 to 1, "
-                        f"and at most {most:g} here"
+                        f"maps: {name} of frame {frame} has {np.abs(covered).max():g}; encoded values are about 0 to "
+                        f"1, and at most {most:g} here"
                     )
 
     @classmethod

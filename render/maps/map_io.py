@@ -124,12 +124,12 @@ class _NpzMaps:
 def _checked(path: Path, source: _Source) -> dict[str, Any]:
     """What `MapFile` wants of the constant arrays."""
     arrays = dict(source.constant)
-    found = arrays.pop("format", "none"), arrays.pop("format_version", "none")
-    if str(found[0]) != FORMAT or str(found[1]) not in READABLE_VERSIONS:
+    file_format, version = arrays.pop("format", "none"), arrays.pop("format_version", "none")
+    if str(file_format) != FORMAT or str(version) not in READABLE_VERSIONS:
         *earlier, latest = READABLE_VERSIONS
         raise InputError(
             f"{path}: format '{FORMAT}' version {', '.join(earlier)} or {latest} expected, "
-            f"found '{found[0]}' version {found[1]}"
+            f"found '{file_format}' version {version}"
         )
     absent = {field.name for field in fields(MapFile)} - OPTIONAL - set(arrays) - set(source.shapes)
     if absent:

@@ -132,8 +132,7 @@ def _plain_weights(window: _Window, usable: np.ndarray) -> NDArray[np.float64]:
     near = np.where(usable & (window.distance <= _REACH), window.distance, np.inf)
     weights: NDArray[np.float64] = np.zeros_like(bilinear)
     weights[np.arange(len(near)), near.argmin(axis=1)] = np.isfinite(near.min(axis=1))
-    # Below a thousandth the four neighbours tell no more than the nearest pixel, and rounding would be blown
-    # up.
+    # Below a thousandth the four neighbours tell no more than the nearest pixel, and rounding would be blown up.
     np.divide(bilinear, total, out=weights, where=total > 1e-3)
     return weights
 

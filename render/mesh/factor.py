@@ -35,5 +35,5 @@ class Factor:
             columns = part.contiguous()
             parts.append(torch.empty_like(columns))
             self._solver.solve(columns, parts[-1])
-        found = parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)
-        return found.reshape(count, frames, 3).transpose(0, 1).contiguous()
+        solution = parts[0] if len(parts) == 1 else torch.cat(parts, dim=1)
+        return solution.reshape(count, frames, 3).transpose(0, 1).contiguous()

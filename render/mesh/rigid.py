@@ -21,9 +21,8 @@ def rigid_rotation(start: np.ndarray, end: np.ndarray) -> NDArray[np.float64]:
         (3, 3) float64, of determinant 1 even where a mirror image would fit better. Where several rotations fit alike
         (points on a line, or all at one place) one of them; the identity for points that stay.
     """
-    covariance = (end - end.mean(axis=0)).T.astype(np.float64) @ (start - start.mean(axis=0)).astype(
-        np.float64
-    )
+    before, after = ((points - points.mean(axis=0)).astype(np.float64) for points in (start, end))
+    covariance = after.T @ before
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Optimal rotation is not uniquely or poorly defined", UserWarning)
         # The fit knows the points by their covariance only, so three vectors stand for all of them.

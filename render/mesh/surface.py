@@ -11,7 +11,7 @@ from render.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The look of a template, and the way back to the file that it came from.
+    """The look of a template, and how to get back to the file that it came from.
 
     A mesh may be used with other vertices than its file had: seams are welded, for example. `faces` and `vertices`
     then still give the mesh of the file: moved vertices (..., N, 3) become `moved[..., vertices, :]`.

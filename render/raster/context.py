@@ -45,7 +45,7 @@ class GLContext:
 
 @contextmanager
 def open_context(backend: str) -> Iterator[GLContext]:
-    """Open a standalone OpenGL 3.3 context for the length of a `with` block; it is released on any way out.
+    """Open a standalone OpenGL 3.3 context for the length of a `with` block; it is released however the block ends.
 
     It is current in the block. Where blocks of one thread lie in one another, the outer one's is again afterwards.
 
@@ -97,14 +97,14 @@ def open_context(backend: str) -> Iterator[GLContext]:
 
 def probe_backends() -> dict[str, str]:
     """What each GL backend says on this machine: the renderer's name, or "unavailable: " and why not."""
-    found = {}
+    answers = {}
     for backend in GL_BACKENDS:
         try:
             with open_context(backend) as context:
-                found[backend] = context.renderer
+                answers[backend] = context.renderer
         except GLUnavailableError as error:
-            found[backend] = f"unavailable: {error}"
-    return found
+            answers[backend] = f"unavailable: {error}"
+    return answers
 
 
 def _import_triton() -> None:

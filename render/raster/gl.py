@@ -75,7 +75,7 @@ def gl_face_ids(context: GLContext, faces: ScreenFaces, size: tuple[int, int], l
 def _add_all(
     gl: Any, vertices: np.ndarray, size: tuple[int, int], nearest: NearestLayers, owned: ExitStack
 ) -> None:
-    """Pass after pass, add the faces found at each pixel; `owned` releases what is made on the way."""
+    """Pass after pass, add the faces found at each pixel; `owned` releases what is made meanwhile."""
     import moderngl  # noqa: PLC0415
 
     def own(resource: Any) -> Any:

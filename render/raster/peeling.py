@@ -6,7 +6,7 @@ import numpy as np
 
 from render.raster.screen import ScreenFaces
 
-# Depths are compared in steps of this share of the nearest one's reciprocal: surfaces that lie on one another are
+# Depths are compared in steps of this fraction of the nearest one's reciprocal: surfaces that lie on one another are
 # at one depth whatever float64 rounding (1e-16 of it) makes of them, and a step is far below any cloth's thickness
 # (0.2 nm at 2 m).
 _STEP = 1e-10
@@ -71,5 +71,5 @@ class NearestLayers:
     @property
     def face_id(self) -> np.ndarray:
         """(L, height, width) int32, index in the mesh's faces, -1 where fewer faces cover the pixel's centre."""
-        found = self._faces.ids[self._index] if len(self._faces.ids) else self._index
-        return np.where(self._index >= 0, found, -1).astype(np.int32).reshape(-1, *self._size)
+        face = self._faces.ids[self._index] if len(self._faces.ids) else self._index
+        return np.where(self._index >= 0, face, -1).astype(np.int32).reshape(-1, *self._size)

@@ -134,8 +134,7 @@ def surface_points(mesh: Mesh, camera: Camera, face_id: np.ndarray) -> tuple[np.
     slopes = np.linalg.solve(camera.projection[:2, :2], (device + camera.projection[:2, 2]).T).T
     ray = np.concatenate([slopes, -np.ones((len(slopes), 1))], axis=1)
     corners = camera.to_camera(mesh.vertices)[mesh.faces[face_id[rows, columns]]]  # (P, 3 corners, 3)
-    # ray ∝ Σ weight · corner; by Cramer's rule each weight is a determinant with the ray in the corner's
-    # place.
+    # ray ∝ Σ weight · corner; by Cramer's rule each weight is a determinant with the ray in the corner's place.
     following, last = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)
     weights = np.einsum("pi,pki->pk", ray, np.cross(following, last))
     total = weights.sum(axis=1, keepdims=True)

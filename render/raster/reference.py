@@ -1,4 +1,4 @@
-"""The NumPy rasteriser: the reference the GL one is held against, and what draws where there is no GL."""
+"""The NumPy rasteriser: the reference that the GL one is compared with, and what draws where there is no GL."""
 
 from __future__ import annotations
 

@@ -10,8 +10,7 @@ from render.mesh.mesh import Mesh
 from render.raster.reference import covers
 from render.raster.screen import expand, screen_faces
 
-# How much nearer (metres) an occluding face must be: rounding of the projection, well below any cloth
-# thickness.
+# How much nearer (metres) an occluding face must be: rounding of the projection, well below any cloth thickness.
 _CLEARANCE = 1e-6
 
 
