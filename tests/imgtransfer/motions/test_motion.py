@@ -61,7 +61,8 @@ def test_rotations_are_resampled_on_the_shorter_way():
 
 
 @pytest.mark.parametrize(
-    ("frames", "fps", "wanted"), [(4, 30.0, 13), (4, 120.0, 4), (2, 120.0, 2), (11, 100.0, 13)]
+    ("frames", "fps", "wanted"),
+    [(4, 30.0, 13), (4, 120.0, 4), (2, 120.0, 2), (11, 100.0, 13), (50, 24.0, 246)],
 )
 def test_the_last_frame_that_lies_within_is_kept(frames, fps, wanted):
     assert len(resample(still(frames=frames, fps=fps), 120.0).poses) == wanted
