@@ -137,9 +137,9 @@ class StoredArray:
                 if metadata.fill_value == 0:  # version 1 left out chunks of zeros
                     continue
                 raise ValueError(f"chunk {place[0]} is missing")
-            held = _size_inside(content, [codec.name for codec in metadata.codecs])
-            if held != metadata.chunk_bytes:
-                raise ValueError(f"chunk {place[0]} holds {held} bytes, {metadata.chunk_bytes} are wanted")
+            size = _size_inside(content, [codec.name for codec in metadata.codecs])
+            if size != metadata.chunk_bytes:
+                raise ValueError(f"chunk {place[0]} holds {size} bytes, {metadata.chunk_bytes} are wanted")
             memory[key] = _buffer(content)
         array = zarr.open_array(MemoryStore(memory), mode="r", zarr_format=3)
         return np.asarray(array[start:stop])

@@ -48,26 +48,26 @@ class FrameCache:
             self._kept.move_to_end(number)
             return self._kept[number]
         reader, start, stop = self.chunks[number]
-        made = self._make(self._readers[reader].clip(start, stop))
+        arrays = self._make(self._readers[reader].clip(start, stop))
         self.reads += 1
-        self._kept[number] = made
-        self._bytes += _size(made)
+        self._kept[number] = arrays
+        self._bytes += _size(arrays)
         while self._bytes > self._limit and len(self._kept) > 1:
             self._bytes -= _size(self._kept.popitem(last=False)[1])
-        return made
+        return arrays
 
     def frames(self, index: Sequence[int] | np.ndarray) -> Arrays:
         """The arrays of frames `index` (B,): stacked, so that the first axis is B."""
         index = np.asarray(index)
         numbers = np.searchsorted(self._starts, index, side="right") - 1
         # Chunk by chunk, not frame by frame: a small cache must not read one chunk twice for a batch.
-        found: dict[int, Arrays] = {}
+        by_row: dict[int, Arrays] = {}
         for number in np.unique(numbers):
-            made = self.chunk(int(number))
-            for place in np.flatnonzero(numbers == number):
-                within = int(index[place] - self._starts[number])
-                found[int(place)] = tuple(values[within] for values in made)
-        rows = [found[place] for place in range(len(index))]
+            arrays = self.chunk(int(number))
+            for row in np.flatnonzero(numbers == number):
+                within = int(index[row] - self._starts[number])
+                by_row[int(row)] = tuple(values[within] for values in arrays)
+        rows = [by_row[row] for row in range(len(index))]
         return tuple(np.stack(values) for values in zip(*rows, strict=True))
 
 

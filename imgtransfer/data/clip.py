@@ -199,7 +199,7 @@ def clip_parts(npz: Npz, path: Path, count: int) -> Iterator[Clip]:
     present = check_clip_npz(npz, path)
     constant = {key: npz.read(key) for key in present if key not in PER_FRAME}
     moving = [key for key in PER_FRAME if key in present]
-    fps, info = float(npz.read("fps").reshape(())), with_found_textures(_texts(npz), path.parent)
+    fps, info = float(npz.read("fps").reshape(())), with_texture_paths(_texts(npz), path.parent)
     for rows in zip(*(npz.rows(key, count) for key in moving), strict=True):
         try:
             arrays = constant | dict(zip(moving, rows, strict=True))
@@ -226,7 +226,7 @@ def check_clip_npz(npz: Npz, path: Path) -> list[str]:
     return present
 
 
-def with_found_textures(info: Mapping[str, str], folder: Path | None) -> dict[str, str]:
+def with_texture_paths(info: Mapping[str, str], folder: Path | None) -> dict[str, str]:
     """A stored clip's `info`, in which only images under the folder that it was stored in have full paths."""
     return {key: with_full_paths(text, folder) if key == "mtl" else text for key, text in info.items()}
 

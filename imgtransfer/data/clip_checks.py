@@ -52,7 +52,7 @@ def check_arrays(arrays: Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]], so
             kind = "integers" if name in INDICES else "numbers"
             raise InputError(f"{source}: {name}: {kind} are wanted, found {dtype}")
         fits = len(shape) == len(wanted[name]) and all(
-            want in (None, found) for want, found in zip(wanted[name], shape, strict=True)
+            want in (None, given) for want, given in zip(wanted[name], shape, strict=True)
         )
         if not fits:
             expected = ", ".join("any" if want is None else str(want) for want in wanted[name])

@@ -86,8 +86,8 @@ class LocalPlace:
         return self.root.is_dir() and all(entry.name.startswith(".") for entry in self.root.iterdir())
 
     def groups(self, depth: int) -> list[str]:
-        found = (file.relative_to(self.root).parts[:-1] for file in self.root.glob("*/" * depth + METADATA))
-        return sorted("/".join(parts) for parts in found if not any(part.startswith(".") for part in parts))
+        parents = (file.relative_to(self.root).parts[:-1] for file in self.root.glob("*/" * depth + METADATA))
+        return sorted("/".join(parts) for parts in parents if not any(part.startswith(".") for part in parts))
 
     def files(self, folder: str) -> list[str]:
         return sorted(

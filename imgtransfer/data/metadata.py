@@ -214,11 +214,11 @@ def validated(model: type[Model], values: Any, where: str) -> Model:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))
-        found = "" if first["type"] in ("missing", "value_error") else f", found {str(first['input'])[:80]!r}"
+        given = "" if first["type"] in ("missing", "value_error") else f", found {str(first['input'])[:80]!r}"
         reason = first["msg"].removeprefix("Value error, ")
         more = f" ({error.error_count()} faults)" if error.error_count() > 1 else ""
         raise InputError(
-            f"{where}: {f'{key}: ' if key else ''}{reason}{found}{more}; write it again, or restore it from a copy"
+            f"{where}: {f'{key}: ' if key else ''}{reason}{given}{more}; write it again, or restore it from a copy"
         ) from error
 
 

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from imgtransfer.data.arrays import StoredArray
-from imgtransfer.data.clip import REQUIRED, Clip, check_clip_npz, clip_parts, with_found_textures
+from imgtransfer.data.clip import REQUIRED, Clip, check_clip_npz, clip_parts, with_texture_paths
 from imgtransfer.data.clip_checks import check_arrays
 from imgtransfer.data.metadata import ClipAttributes, read_arrays
 from imgtransfer.data.place import METADATA, Place
@@ -149,7 +149,7 @@ class StoredReader:
             return Clip.of_arrays(
                 values,
                 fps=self.attributes.fps,
-                info=with_found_textures(self.attributes.info, self.place.folder),
+                info=with_texture_paths(self.attributes.info, self.place.folder),
                 name=self.name,
             )
         except InputError as error:
@@ -177,18 +177,18 @@ class StoredReader:
             described = read_arrays(self.place, folders, self.where)
         except InputError as error:
             raise InputError(f"{self._whole_name} cannot be read: {error}") from error
-        found = {
+        arrays = {
             key: StoredArray(self.place, folder, metadata)
             for key, folder, metadata in zip(self.keys, folders, described, strict=True)
         }
         for key in PER_FRAME:
-            if key in found and found[key].shape[0] != self.n_frames:
+            if key in arrays and arrays[key].shape[0] != self.n_frames:
                 raise InputError(
                     f"{self.where}/{self.name}/{METADATA}: frames is {self.n_frames}, but {key} has "
-                    f"{found[key].shape[0]}; write the clip again, or restore it from a copy"
+                    f"{arrays[key].shape[0]}; write the clip again, or restore it from a copy"
                 )
-        check_arrays({key: (array.shape, array.dtype) for key, array in found.items()}, self._whole_name)
-        return found
+        check_arrays({key: (array.shape, array.dtype) for key, array in arrays.items()}, self._whole_name)
+        return arrays
 
     @cached_property
     def _static(self) -> dict[str, np.ndarray]:

@@ -78,21 +78,21 @@ class RemotePlace:
     def read_many(self, keys: Sequence[str], limit: int = METADATA_LIMIT) -> list[bytes | None]:
         paths = [self._path(key) for key in keys]
         limited = {"limit": limit} if self.url.startswith("http") else {}
-        found: dict[str, bytes | Exception] = {}
+        contents: dict[str, bytes | Exception] = {}
         if paths:
             with self.reached():
-                found = self.filesystem.cat(paths, on_error="return", **limited)
-        return [self._content(key, found[path], limit) for key, path in zip(keys, paths, strict=True)]
+                contents = self.filesystem.cat(paths, on_error="return", **limited)
+        return [self._content(key, contents[path], limit) for key, path in zip(keys, paths, strict=True)]
 
-    def _content(self, key: str, found: bytes | Exception, limit: int) -> bytes | None:
+    def _content(self, key: str, content: bytes | Exception, limit: int) -> bytes | None:
         with self.reached(key):
-            if isinstance(found, FileNotFoundError):
+            if isinstance(content, FileNotFoundError):
                 return None
-            if isinstance(found, Exception):
-                raise found
-        if len(found) > limit:
-            raise InputError(f"{self.url}/{key}: {len(found)} bytes, where at most {limit} are wanted")
-        return found
+            if isinstance(content, Exception):
+                raise content
+        if len(content) > limit:
+            raise InputError(f"{self.url}/{key}: {len(content)} bytes, where at most {limit} are wanted")
+        return content
 
     def write(self, key: str, content: bytes) -> None:
         self.check_writable()
@@ -108,8 +108,8 @@ class RemotePlace:
 
     def groups(self, depth: int) -> list[str]:
         with self.reached():
-            found = self.filesystem.glob(self._path("*/" * depth + METADATA))
-        return sorted("/".join(path.split("/")[-depth - 1 : -1]) for path in found)
+            paths = self.filesystem.glob(self._path("*/" * depth + METADATA))
+        return sorted("/".join(path.split("/")[-depth - 1 : -1]) for path in paths)
 
     def files(self, folder: str) -> list[str]:
         entries = self._listing(folder)

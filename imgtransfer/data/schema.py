@@ -57,9 +57,9 @@ def check_root(attributes: dict[str, Any], where: str) -> None:
         raise InputError(
             f"{where}: a Zarr store, but its format is {str(attributes.get('format'))[:80]!r}, not {FORMAT!r}"
         )
-    found = attributes.get("schema_version")
-    if not (isinstance(found, int) and found in READABLE):
+    schema_version = attributes.get("schema_version")
+    if not (isinstance(schema_version, int) and schema_version in READABLE):
         raise InputError(
-            f"{where}: data set of schema version {str(found)[:80]}, but this program reads versions "
+            f"{where}: data set of schema version {str(schema_version)[:80]}, but this program reads versions "
             f"{' and '.join(map(str, READABLE))}; use the version of imgtransfer that wrote it, or a later one"
         )

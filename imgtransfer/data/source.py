@@ -70,9 +70,9 @@ def clip_refs(
     if not isinstance(place, LocalPlace) or place.exists(METADATA):
         data = DataSet.open(source)
         splits = data.splits()
-        taken = [name for name, of in splits.items() if split in (None, of)]
+        of_split = [name for name, of in splits.items() if split in (None, of)]
         asked = f"split {split}" if split else ""
-        chosen = choose(source, taken, names=names, exclude=exclude, asked=asked, present=list(splits))
+        chosen = choose(source, of_split, names=names, exclude=exclude, asked=asked, present=list(splits))
         return [ClipRef(source, name, splits[name]) for name in chosen]
     folder = Path(source)
     if not folder.exists():

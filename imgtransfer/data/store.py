@@ -123,8 +123,8 @@ class DataSet:
     def splits(self) -> dict[str, str]:
         """The split of every clip, by name, sorted."""
         names = self._groups()
-        found = read_clips(self.place, names, str(self.path))
-        return {name: attributes.split for name, attributes in zip(names, found, strict=True)}
+        clips = read_clips(self.place, names, str(self.path))
+        return {name: attributes.split for name, attributes in zip(names, clips, strict=True)}
 
     def clip_attributes(self, name: str) -> ClipAttributes:
         """Attributes of one clip, see the class.
@@ -186,7 +186,7 @@ class DataSet:
 
     def rejected(self) -> dict[str, dict[str, str]]:
         """By name, the `reason` and `made` of the clips that were rejected and not written since."""
-        found = {}
+        rejections = {}
         files = self.place.files(REJECTED)
         contents = self.place.read_many([f"{REJECTED}/{file}" for file in files])
         for file, content in zip(files, contents, strict=True):
@@ -195,8 +195,8 @@ class DataSet:
             where = f"{self.path}/{REJECTED}/{file}"
             entry = validated(Rejection, parsed(content, where), where)
             if not self.has(entry.name):
-                found[entry.name] = {"reason": entry.reason, "made": entry.made}
-        return found
+                rejections[entry.name] = {"reason": entry.reason, "made": entry.made}
+        return rejections
 
     def _groups(self) -> list[str]:
         """Names of the clips. They are shown, and become names of files elsewhere."""
