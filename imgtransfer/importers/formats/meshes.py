@@ -22,8 +22,8 @@ from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.mesh_files import Source, check_frames, find_source, moving_in
-from imgtransfer.importers.part import Part
-from render import InputError
+from imgtransfer.importers.sequences import open_in_metres, weld_sequence
+from render import InputError, MeshSequence
 from render.files.naming import natural_sort
 
 FPS = 30.0
@@ -67,16 +67,16 @@ def job_of(name: str, source: Source, options: ImportOptions) -> Job:
     )
 
 
-def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Part, Part]:
+def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[MeshSequence, MeshSequence]:
     """Garment and body with their rest pose and first frames; `check` them, and print what does not stop the work."""
     garment_axes = options.garment_axes or options.axes
-    garment = Part.open("garment", source.garment, source.template, garment_axes)
-    body = Part.open("body", source.body, source.body_rest, options.axes)
+    garment = open_in_metres(source.garment, "garment", garment_axes, source.template)
+    body = open_in_metres(source.body, "body", options.axes, source.body_rest)
     check_frames(source)
     if check:
         found = check_template(
-            garment.rest,
-            body.rest,
+            garment.mesh,
+            body.mesh,
             given=options.axes,
             garment_given=garment_axes,
             welding=options.weld,
@@ -87,24 +87,27 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Pa
 
 
 def _clip(source: Source, options: ImportOptions) -> Clip:
-    parts = _prepare(source, options, check=False)
-    with tqdm(
-        total=len(source.files()), desc=source.garment.parent.name, unit="file", leave=False, disable=None
-    ) as bar:
-        garment, body = (part.read(welding=options.weld, progress=bar.update) for part in parts)
-    if len(garment.vertices) != len(body.vertices):
+    garment, body = _prepare(source, options, check=False)
+    if garment.n_frames != body.n_frames:
         raise InputError(
-            f"{source.garment}: {len(garment.vertices)} frames, but {source.body} has {len(body.vertices)}; both must "
-            "have the same frames"
+            f"{source.garment}: {garment.n_frames} frames, but {source.body} has {body.n_frames}; both must have the "
+            "same frames"
         )
+    if options.weld:
+        garment, body = weld_sequence(garment), weld_sequence(body)
+    total = garment.n_frames + body.n_frames
+    with tqdm(total=total, desc=source.garment.parent.name, unit="frame", leave=False, disable=None) as bar:
+        garment, body = (sequence.loaded(bar.update) for sequence in (garment, body))
     clip = Clip(
-        template=Template(vertices=garment.rest.vertices.astype(np.float32), faces=garment.rest.faces),
-        garment=Garment(garment.vertices),
-        body=Body(rest=body.rest.vertices.astype(np.float32), faces=body.rest.faces, vertices=body.vertices),
+        template=Template(vertices=garment.mesh.vertices.astype(np.float32), faces=garment.mesh.faces),
+        garment=Garment(garment.vertices()),
+        body=Body(
+            rest=body.mesh.vertices.astype(np.float32), faces=body.mesh.faces, vertices=body.vertices()
+        ),
         fps=float(options.fps or garment.fps or body.fps or FPS),
         info={"source": str(source.garment), "units": "m"},
         name=source.garment.stem,
-    ).with_surface(garment.rest.surface)
+    ).with_surface(garment.mesh.surface)
     if not options.anyway:
         check_worn(
             clip, str(source.garment), hint="do garment and body begin at the same frame? (--anyway goes on)"
