@@ -14,7 +14,7 @@ from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.pipeline.fuse import FuseInputs
 from imgtransfer.pipeline.pins import Pins, load_pins
 from render import InputError, load_mesh
-from render.files.sequence import is_sequence
+from render.files.sequence import is_cache, is_sequence
 
 
 def given_files(args: argparse.Namespace) -> FuseInputs:
@@ -35,9 +35,10 @@ def given_files(args: argparse.Namespace) -> FuseInputs:
     axes, of_garment = chosen_axes(args)
     of_garment = of_garment or axes
     arrays = args.body is not None and not is_sequence(args.body)
+    moved = args.template if args.initial is not None and is_cache(args.initial) else None
     given = FuseInputs(
         template=of_garment.of_mesh(load_mesh(args.template)) if args.template else None,
-        initial=open_in_metres(args.initial, "garment", of_garment) if args.initial else None,
+        initial=open_in_metres(args.initial, "garment", of_garment, moved) if args.initial else None,
         body=open_in_metres(args.body, "body", axes) if args.body else None,
         clip=clip_reader(args.body) if arrays else None,
         inner=open_in_metres(args.inner, "garment", of_garment) if args.inner else None,

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from imgtransfer.importers.job import ImportOptions
-from imgtransfer.importers.sequences import is_there, mesh_file
+from imgtransfer.importers.sequences import is_there, mesh_beside, mesh_file
 from render import InputError
 from render.files.frame_files import FRAMES
 from render.files.point_caches import SUFFIXES as CACHES
-from render.files.sequence import is_cache, sequence_files
+from render.files.sequence import sequence_files
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ def find_source(folder: Path, options: ImportOptions) -> Source:
     return Source(
         garment,
         body,
-        options.template or mesh_file(folder, "template"),
-        options.body_rest or mesh_file(folder, "body_rest"),
+        options.template or mesh_file(folder, "template") or mesh_beside(garment, "garment"),
+        options.body_rest or mesh_file(folder, "body_rest") or mesh_beside(body, "body"),
     )
 
 
@@ -51,7 +51,8 @@ def find_body(folder: Path, body_rest: Path | None = None) -> tuple[Path, Path |
     Raises:
         InputError: no body in it.
     """
-    return _wanted(folder, "body"), body_rest or mesh_file(folder, "body_rest")
+    body = _wanted(folder, "body")
+    return body, body_rest or mesh_file(folder, "body_rest") or mesh_beside(body, "body")
 
 
 def _wanted(folder: Path, what: str) -> Path:
@@ -71,23 +72,7 @@ def moving_in(folder: Path, what: str) -> Path | None:
     for suffix in CACHES:
         if is_there(cache := folder / f"{what}{suffix}", "a point cache"):
             return cache
-    for suffix in FRAMES:
+    for suffix in (*FRAMES, *map(str.upper, FRAMES)):
         if any(folder.glob(f"{what}*[0-9]{suffix}")):
             return folder / f"{what}*[0-9]{suffix}"
     return None
-
-
-def check_frames(source: Source) -> None:
-    """Compare the frames' files before any is read; caches are compared when they are read.
-
-    Raises:
-        InputError: garment and body have different numbers of frames.
-    """
-    if any(is_cache(moving) for moving in (source.garment, source.body)):
-        return
-    garment, body = sequence_files(source.garment), sequence_files(source.body)
-    if len(garment) != len(body):
-        raise InputError(
-            f"{source.garment}: {len(garment)} frames ({garment[0].name} to {garment[-1].name}), but {source.body} has "
-            f"{len(body)} ({body[0].name} to {body[-1].name}); both must have the same frames"
-        )

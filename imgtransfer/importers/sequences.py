@@ -8,8 +8,7 @@ from pathlib import Path
 from imgtransfer.data.sequences import Kind, open_clip_arrays
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import Welded, weld, weld_motion
-from render import Mesh, MeshSequence, load_mesh
-from render.errors import InputError
+from render import InputError, MeshSequence, load_mesh
 from render.files.atomic import check_regular
 from render.files.mesh_files import SUFFIXES as MESHES
 from render.files.sequence import is_cache, is_sequence, open_sequence
@@ -35,7 +34,12 @@ def open_in_metres(path: Path, kind: Kind, axes: Axes, rest: Path | None = None)
     if is_sequence(path) or not (path.suffix.lower() == ".npz" or path.is_file()):
         moved = resting
         if moved is None and is_cache(path):
-            moved = _moved_by(path, kind)
+            beside = mesh_beside(path, kind)
+            if beside is None:
+                raise InputError(
+                    f"{path}: a point cache has no triangles; put the mesh that it moves beside it as {REST[kind]}.obj"
+                )
+            moved = load_mesh(beside)
         sequence = axes.of_sequence(open_sequence(path, moved))
     else:
         sequence = open_clip_arrays(path, kind)
@@ -77,13 +81,13 @@ def is_there(path: Path, wanted: str) -> bool:
     return True
 
 
-def _moved_by(cache: Path, kind: Kind) -> Mesh:
-    """The mesh that a cache moves: beside it, of its name or called as the rest pose is."""
-    beside = [cache.with_suffix(suffix) for suffix in MESHES]
-    path = next((place for place in beside if is_there(place, "a mesh file")), None)
-    path = path or mesh_file(cache.parent, REST[kind])
-    if path is None:
-        raise InputError(
-            f"{cache}: a point cache has no triangles; put the mesh that it moves beside it as {REST[kind]}.obj"
-        )
-    return load_mesh(path)
+def mesh_beside(path: Path, kind: Kind) -> Path | None:
+    """The mesh that a point cache moves: a file beside it of its name, or called as the rest pose is.
+
+    None where there is none, and for what is no cache.
+    """
+    if not is_cache(path):
+        return None
+    named = [path.with_suffix(suffix) for suffix in MESHES]
+    own = next((place for place in named if is_there(place, "a mesh file")), None)
+    return own or mesh_file(path.parent, REST[kind])

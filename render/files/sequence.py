@@ -34,12 +34,12 @@ def is_sequence(path: Path) -> bool:
 
 
 def sequence_files(source: Path) -> list[Path]:
-    """Every file that a sequence is read from, in the order of its frames.
+    """Every file that a sequence is read from, in the order of its frames; what is one file stands for itself.
 
     Raises:
         InputError: as `frame_files`.
     """
-    return [source] if is_cache(source) else frame_files(source)
+    return frame_files(source) if source.is_dir() or is_pattern(source) else [source]
 
 
 def open_sequence(source: Path, mesh: Mesh | None = None) -> MeshSequence:

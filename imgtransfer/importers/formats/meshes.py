@@ -21,7 +21,7 @@ from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.job import ImportOptions, Job
-from imgtransfer.importers.mesh_files import Source, check_frames, find_source, moving_in
+from imgtransfer.importers.mesh_files import Source, find_source, moving_in
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from render import InputError, MeshSequence
 from render.files.naming import natural_sort
@@ -72,7 +72,7 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Me
     garment_axes = options.garment_axes or options.axes
     garment = open_in_metres(source.garment, "garment", garment_axes, source.template)
     body = open_in_metres(source.body, "body", options.axes, source.body_rest)
-    check_frames(source)
+    _check_lengths(garment, body)
     if check:
         found = check_template(
             garment.mesh,
@@ -86,13 +86,21 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Me
     return garment, body
 
 
-def _clip(source: Source, options: ImportOptions) -> Clip:
-    garment, body = _prepare(source, options, check=False)
+def _check_lengths(garment: MeshSequence, body: MeshSequence) -> None:
+    """Raise InputError where garment and body have different numbers of frames; none of these is read."""
+
+    def told(sequence: MeshSequence) -> str:
+        names = sequence.frame_names
+        return f"{sequence.n_frames} frames" + (f" ({names[0]} to {names[-1]})" if names else "")
+
     if garment.n_frames != body.n_frames:
         raise InputError(
-            f"{source.garment}: {garment.n_frames} frames, but {source.body} has {body.n_frames}; both must have the "
-            "same frames"
+            f"{garment.source}: {told(garment)}, but {body.source} has {told(body)}; both must have the same frames"
         )
+
+
+def _clip(source: Source, options: ImportOptions) -> Clip:
+    garment, body = _prepare(source, options, check=False)
     if options.weld:
         garment, body = weld_sequence(garment), weld_sequence(body)
     total = garment.n_frames + body.n_frames

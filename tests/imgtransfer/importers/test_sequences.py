@@ -223,3 +223,37 @@ def test_welded_parts_make_up_the_welded_whole() -> None:
     moved[3, 0] += 1
     with pytest.raises(InputError, match=r"soup: vertices .* in frame 3; this is no seam"):
         list(welded.parts(2))
+
+
+def test_the_mesh_of_a_cache_counts_among_the_files_of_a_clip(frames: Path) -> None:
+    (frames / "body_rest.obj").unlink()
+    wanted = np.float32(BODY + np.arange(1, 13)[:, None, None] * STEP)
+    write_pc2(frames / "body.pc2", wanted)
+    for file in (frames / "body").iterdir():
+        file.unlink()
+    (frames / "body").rmdir()
+    beside = write_obj(frames / "body.obj", BODY, FACES)
+    sequence = find_sequence(frames, SequenceFiles(), 30.0)
+    assert sequence.rest == beside
+    (job,) = jobs([frames], ImportOptions(split="train", anyway=True))
+    assert beside in job.files
+    np.testing.assert_array_equal(job.read().body_vertices, wanted)
+    write_obj(beside, BODY * 1.25, FACES)
+    assert find_sequence(frames, SequenceFiles(), 30.0).content != sequence.content
+
+
+def test_a_start_for_the_fusion_in_a_cache_moves_the_template(frames: Path, tmp_path: Path) -> None:
+    write_pc2(tmp_path / "start.pc2", np.float32(SHIRT)[None])
+    given = given_files(
+        fuse_arguments("--initial", tmp_path / "start.pc2", "--template", frames / "template.obj")  # type: ignore[arg-type]
+    )
+    assert given.initial is not None
+    np.testing.assert_array_equal(given.initial.faces, FACES)
+
+
+def test_frames_named_in_capitals_are_found_in_a_clips_folder(frames: Path) -> None:
+    for file in sorted((frames / "body").iterdir()):
+        file.rename(frames / file.name.upper().replace("BODY", "body"))
+    (frames / "body").rmdir()
+    sequence = find_sequence(frames, SequenceFiles(), 30.0)
+    np.testing.assert_array_equal(sequence.read().sequence.vertices()[9], np.float32(BODY + 10 * STEP))
