@@ -1,6 +1,7 @@
 from .cameras import Camera as Camera
 from .errors import InputError as InputError
 from .files.mesh_files import load_mesh as load_mesh
+from .files.sequence import open_sequence as open_sequence
 from .framing import frame_cameras as frame_cameras
 from .maps.coverage import Coverage as Coverage
 from .maps.dilation import dilate as dilate
@@ -18,6 +19,7 @@ from .maps.map_io import written_maps as written_maps
 from .maps.operator import MapOperator as MapOperator
 from .mesh.mesh import Mesh as Mesh
 from .mesh.normals import vertex_normals as vertex_normals
+from .mesh.sequence import MeshSequence as MeshSequence
 from .mesh.surface import Surface as Surface
 from .pictures import contact_sheet as contact_sheet
 from .pictures import write_png as write_png

@@ -96,13 +96,13 @@ def _add_single(group: argparse._ArgumentGroup) -> None:
         "--body",
         type=Path,
         help="what the garment is kept out of: npz with body_faces and body_vertices (frames, vertices, 3), a clip "
-        "npz, a mesh file for one frame, or a folder of them",
+        "npz, mesh files (one, a folder or a pattern of them, a frame each), or a point cache",
     )
     group.add_argument(
         "--initial",
         type=Path,
         help="garment to start from in place of the position maps: npz with garment_faces and garment_vertices, a "
-        "clip npz, a mesh file for one frame, or a folder of them",
+        "clip npz, mesh files, or a point cache, as for --body",
     )
     group.add_argument(
         "--inner", type=Path, help="another garment, worn beneath, to stay outside of; files as for --initial"

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from imgtransfer.cli.mesh_options import check_axes_used, chosen_axes
-from imgtransfer.importers.checks.weld import Welded, weld, weld_motion
+from imgtransfer.data.sequences import clip_reader
+from imgtransfer.importers.checks.weld import Welded, weld
+from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.pipeline.fuse import FuseInputs
-from imgtransfer.pipeline.moving import Moved, Moving, Pins, is_meshes, load_pins, open_moving
+from imgtransfer.pipeline.pins import Pins, load_pins
 from render import InputError, load_mesh
+from render.files.sequence import is_cache, is_sequence
 
 
 def given_files(args: argparse.Namespace) -> FuseInputs:
@@ -24,19 +26,22 @@ def given_files(args: argparse.Namespace) -> FuseInputs:
     garments = [path for path in (args.template, args.initial, args.inner) if path is not None]
     check_axes_used(
         args,
-        body=args.body is not None and is_meshes(args.body),
-        garment=any(is_meshes(path) for path in garments),
+        body=args.body is not None and is_sequence(args.body),
+        garment=any(is_sequence(path) for path in garments),
         wanted="mesh files, those of the body unless it begins with --garment; npz files are in metres, y up",
     )
     if args.weld and args.template is None:
         raise InputError("--weld goes with --template, whose split seams it joins")
     axes, of_garment = chosen_axes(args)
     of_garment = of_garment or axes
+    arrays = args.body is not None and not is_sequence(args.body)
+    moved = args.template if args.initial is not None and is_cache(args.initial) else None
     given = FuseInputs(
         template=of_garment.of_mesh(load_mesh(args.template)) if args.template else None,
-        initial=open_moving(args.initial, "garment", of_garment) if args.initial else None,
-        body=open_moving(args.body, "body", axes) if args.body else None,
-        inner=open_moving(args.inner, "garment", of_garment) if args.inner else None,
+        initial=open_in_metres(args.initial, "garment", of_garment, moved) if args.initial else None,
+        body=open_in_metres(args.body, "body", axes) if args.body else None,
+        clip=clip_reader(args.body) if arrays else None,
+        inner=open_in_metres(args.inner, "garment", of_garment) if args.inner else None,
         pins=load_pins(args.pins) if args.pins else None,
     )
     return _welded(given, args) if args.weld else given
@@ -47,21 +52,11 @@ def _welded(given: FuseInputs, args: argparse.Namespace) -> FuseInputs:
     assert given.template is not None
     welded = weld(given.template)
     initial, pins = given.initial, given.pins
-    if initial is not None and len(next(initial.parts(1)).vertices[0]) == len(given.template.vertices):
-        initial = _welded_motion(initial, welded, str(args.initial))
+    if initial is not None and len(initial.mesh.vertices) == len(given.template.vertices):
+        initial = weld_sequence(initial, welded)
     if pins is not None:
         pins = _of_welded(pins, welded, args)
     return replace(given, template=welded.mesh, initial=initial, pins=pins)
-
-
-def _welded_motion(moving: Moving, welded: Welded, source: str) -> Moving:
-    def parts(count: int) -> Iterator[Moved]:
-        first = 0
-        for part in moving.parts(count):
-            yield Moved(weld_motion(part.vertices, welded, source=source, first=first))
-            first += len(part.vertices)
-
-    return Moving(welded.mesh.faces, moving.n_frames, parts)
 
 
 def _of_welded(pins: Pins, welded: Welded, args: argparse.Namespace) -> Pins:

@@ -166,7 +166,10 @@ def _jobs(args: argparse.Namespace, kind: str, paths: list[Path], options: Impor
         return importlib.import_module(f"imgtransfer.importers.formats.{kind}").jobs(paths, options)
     from imgtransfer.importers.formats.meshes import job_of  # noqa: PLC0415
     from imgtransfer.importers.mesh_files import Source  # noqa: PLC0415
+    from imgtransfer.importers.sequences import mesh_beside  # noqa: PLC0415
 
     garment, body = Path(args.garment_frames), Path(args.body_frames)
     name = garment.resolve().parent.name if garment.stem.startswith("garment") else garment.stem
-    return [job_of(name, Source(garment, body, args.template, args.body_rest), options)]
+    template = args.template or mesh_beside(garment, "garment")
+    body_rest = args.body_rest or mesh_beside(body, "body")
+    return [job_of(name, Source(garment, body, template, body_rest), options)]

@@ -51,8 +51,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "source",
         metavar="SOURCE",
-        help="data set, clip npz or folder of clip npz; with --template one mesh, a folder with one a frame, or a "
-        "pattern in quotes, such as 'out/shirt_*.obj'",
+        help="data set, clip npz or folder of clip npz; with --template one mesh, a folder with one a frame, a "
+        "pattern in quotes, such as 'out/shirt_*.obj', a point cache, or an npz with garment_faces and "
+        "garment_vertices",
     )
     parser.add_argument("--out", required=True, type=Path, help="folder for the results")
     add_clip_choice(parser)

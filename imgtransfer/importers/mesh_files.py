@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from imgtransfer.importers.job import ImportOptions
+from imgtransfer.importers.sequences import is_there, mesh_beside, mesh_file
 from render import InputError
-from render.files.atomic import check_regular
-from render.files.frame_files import MESHES, frame_files
-from render.files.mesh_files import SUFFIXES as SINGLE
+from render.files.frame_files import FRAMES
 from render.files.point_caches import SUFFIXES as CACHES
+from render.files.sequence import sequence_files
 
 
 @dataclass(frozen=True)
@@ -25,11 +24,7 @@ class Source:
 
     def files(self) -> tuple[Path, ...]:
         """Every file that is read."""
-        frames = [
-            file
-            for moving in (self.garment, self.body)
-            for file in ([moving] if moving.suffix.lower() in CACHES else frame_files(moving))
-        ]
+        frames = [file for moving in (self.garment, self.body) for file in sequence_files(moving)]
         return (*frames, *(file for file in (self.template, self.body_rest) if file is not None))
 
 
@@ -45,8 +40,8 @@ def find_source(folder: Path, options: ImportOptions) -> Source:
     return Source(
         garment,
         body,
-        options.template or _single(folder, "template"),
-        options.body_rest or _single(folder, "body_rest"),
+        options.template or mesh_file(folder, "template") or mesh_beside(garment, "garment"),
+        options.body_rest or mesh_file(folder, "body_rest") or mesh_beside(body, "body"),
     )
 
 
@@ -56,7 +51,8 @@ def find_body(folder: Path, body_rest: Path | None = None) -> tuple[Path, Path |
     Raises:
         InputError: no body in it.
     """
-    return _wanted(folder, "body"), body_rest or _single(folder, "body_rest")
+    body = _wanted(folder, "body")
+    return body, body_rest or mesh_file(folder, "body_rest") or mesh_beside(body, "body")
 
 
 def _wanted(folder: Path, what: str) -> Path:
@@ -74,39 +70,9 @@ def moving_in(folder: Path, what: str) -> Path | None:
     if (folder / what).is_dir():
         return folder / what
     for suffix in CACHES:
-        if _there(cache := folder / f"{what}{suffix}", "a point cache"):
+        if is_there(cache := folder / f"{what}{suffix}", "a point cache"):
             return cache
-    for suffix in MESHES:
+    for suffix in (*FRAMES, *map(str.upper, FRAMES)):
         if any(folder.glob(f"{what}*[0-9]{suffix}")):
             return folder / f"{what}*[0-9]{suffix}"
     return None
-
-
-def _single(folder: Path, what: str) -> Path | None:
-    """A mesh file of this name in the folder, or in the one above."""
-    places = [place / f"{what}{suffix}" for place in (folder, folder.resolve().parent) for suffix in SINGLE]
-    return next((place for place in places if _there(place, "a mesh file")), None)
-
-
-def _there(path: Path, wanted: str) -> bool:
-    """Whether there is such a file; InputError for anything else of that name, which nobody would be told of."""
-    if not os.path.lexists(path):
-        return False
-    check_regular(path, wanted)
-    return True
-
-
-def check_frames(source: Source) -> None:
-    """Compare the frames' files before any is read; caches are compared when they are read.
-
-    Raises:
-        InputError: garment and body have different numbers of frames.
-    """
-    if any(moving.suffix.lower() in CACHES for moving in (source.garment, source.body)):
-        return
-    garment, body = frame_files(source.garment), frame_files(source.body)
-    if len(garment) != len(body):
-        raise InputError(
-            f"{source.garment}: {len(garment)} frames ({garment[0].name} to {garment[-1].name}), but {source.body} has "
-            f"{len(body)} ({body[0].name} to {body[-1].name}); both must have the same frames"
-        )

@@ -5,9 +5,8 @@ from .fuse import FuseOptions as FuseOptions
 from .fuse import fuse_into as fuse_into
 from .fuse_task import FuseTask as FuseTask
 from .fuse_task import fuse_clip as fuse_clip
-from .moving import Pins as Pins
-from .moving import load_pins as load_pins
-from .moving import open_moving as open_moving
+from .pins import Pins as Pins
+from .pins import load_pins as load_pins
 from .predict import PredictTask as PredictTask
 from .predict import predict_clip as predict_clip
 from .predict import save_prediction as save_prediction

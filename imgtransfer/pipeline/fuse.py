@@ -23,13 +23,14 @@ from fusion import (
     fuse_map_parts,
 )
 from imgtransfer.data.canonical import RootFrames
-from imgtransfer.data.clip import written_clip
+from imgtransfer.data.clip import Clip, written_clip
 from imgtransfer.data.clip_parts import Garment, Template
 from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames
+from imgtransfer.data.reader import Reader
 from imgtransfer.pipeline.folder import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REPORT_FILE
-from imgtransfer.pipeline.moving import Moved, Moving, Pins
+from imgtransfer.pipeline.pins import Pins
 from imgtransfer.running.fingerprint import MADE
-from render import InputError, MapFile, Mesh, write_png
+from render import InputError, MapFile, Mesh, MeshSequence, write_png
 from render.files.atomic import written_whole
 from render.files.npz_writer import NpzWriter
 from render.maps.map_file import Maps
@@ -44,14 +45,16 @@ class FuseInputs:
         template: in place of the map file's.
         initial: garment to start from in place of the position maps; T frames.
         body: what the garment must stay outside of; T frames.
+        clip: the clip that the body is of, if it is of one.
         inner: another garment, worn beneath; T frames.
         pins: vertices that stay in place.
     """
 
     template: Mesh | None = None
-    initial: Moving | None = None
-    body: Moving | None = None
-    inner: Moving | None = None
+    initial: MeshSequence | None = None
+    body: MeshSequence | None = None
+    clip: Reader | None = None
+    inner: MeshSequence | None = None
     pins: Pins | None = None
 
 
@@ -115,12 +118,12 @@ def fuse_into(
     first = next(maps.parts(1))
     if inputs.pins is not None:
         inputs.pins.check(len(first.template_vertices))
-    template = inputs.template or _with_look(first.template, inputs.body)
+    template = inputs.template or _with_look(first.template, inputs.clip)
     if first.rest_vertices is not None:
         template = replace(template, vertices=first.rest_vertices)
     with ExitStack() as stack:  # what is entered first appears last
         add = stack.enter_context(
-            _written_fused(folder / FUSED_FILE, template, first.fps, inputs.body, _record(options, made))
+            _written_fused(folder / FUSED_FILE, template, first.fps, inputs, _record(options, made))
         )
         frames = None
         if meshes:
@@ -129,7 +132,7 @@ def fuse_into(
         def take(batch: BatchResult) -> None:
             part = stream.taken()
             vertices = part.frames.to_world(batch.vertices)
-            add(vertices, part.body)
+            add(vertices, part)
             if frames is not None:
                 frames.add(vertices)
 
@@ -159,7 +162,8 @@ class _Part:
     """What is needed of some frames once they are fused."""
 
     frames: RootFrames
-    body: Moved | None
+    body: np.ndarray | None
+    clip: Clip | None
 
 
 class _Stream:
@@ -174,13 +178,18 @@ class _Stream:
         """All frames, from the first on whenever this is called."""
         self._under_way.clear()
         inputs, first = self._inputs, 0
-        streams = [
-            itertools.repeat(None) if moving is None else moving.parts(count)
-            for moving in (inputs.initial, inputs.body, inputs.inner)
-        ]
-        for maps, initial, body, inner in zip(self._maps.parts(count), *streams, strict=False):
+        initials, bodies, inners = (
+            _parts(sequence, count) for sequence in (inputs.initial, inputs.body, inputs.inner)
+        )
+        clips: Iterator[Clip | None] = itertools.repeat(None)
+        if inputs.clip is not None:  # it has the body's frames: they are read once
+            clips, of_body = itertools.tee(inputs.clip.parts(count))
+            bodies = (clip.body.vertices for clip in of_body)
+        for maps, initial, body, inner, clip in zip(
+            self._maps.parts(count), initials, bodies, inners, clips, strict=False
+        ):
             frames = RootFrames(maps.rotation, maps.translation)
-            self._under_way.append(_Part(frames, body))
+            self._under_way.append(_Part(frames, body, clip))
             yield (
                 maps,
                 FusionInputs(
@@ -206,23 +215,27 @@ class _Stream:
         return self._under_way.popleft()
 
 
-def _canonical(moved: Moved, frames: RootFrames, option: str, first: int) -> np.ndarray:
+def _parts(sequence: MeshSequence | None, count: int) -> Iterator[np.ndarray | None]:
+    return itertools.repeat(None) if sequence is None else sequence.parts(count)
+
+
+def _canonical(vertices: np.ndarray, frames: RootFrames, option: str, first: int) -> np.ndarray:
     """Vertices (T, B, 3) in the frames of the maps; InputError, which names the frame, where they are not finite."""
-    check_finite(moved.vertices, option, first=first)
-    return frames.to_canonical(moved.vertices)
+    check_finite(vertices, option, first=first)
+    return frames.to_canonical(vertices)
 
 
 def _surface(
-    moving: Moving | None, moved: Moved | None, frames: RootFrames, option: str, first: int
+    sequence: MeshSequence | None, vertices: np.ndarray | None, frames: RootFrames, option: str, first: int
 ) -> MovingSurface | None:
-    if moving is None or moved is None:
+    if sequence is None or vertices is None:
         return None
-    return MovingSurface(_canonical(moved, frames, option, first), moving.faces)
+    return MovingSurface(_canonical(vertices, frames, option, first), sequence.faces)
 
 
-def _with_look(template: Mesh, body: Moving | None) -> Mesh:
+def _with_look(template: Mesh, reader: Reader | None) -> Mesh:
     """The template with the texture coordinates and numbering of the body's clip, if that is of the same garment."""
-    clip = body.still if body is not None else None
+    clip = None if reader is None else reader.clip(0, 1)
     if clip is None or not np.array_equal(clip.template.faces, template.faces):
         return template
     return replace(template, surface=clip.template.surface)
@@ -246,8 +259,8 @@ def _record(options: FuseOptions, made: str | None) -> dict[str, str]:
 
 @contextmanager
 def _written_fused(
-    path: Path, template: Mesh, fps: float, body: Moving | None, record: dict[str, str]
-) -> Iterator[Callable[[np.ndarray, Moved | None], None]]:
+    path: Path, template: Mesh, fps: float, inputs: FuseInputs, record: dict[str, str]
+) -> Iterator[Callable[[np.ndarray, _Part], None]]:
     """Yield what takes frames of fused vertices (T, N, 3), world, and of the body; for the fused.npz at `path`.
 
     `record` is added to the clip's `info`.
@@ -256,17 +269,16 @@ def _written_fused(
         "template_vertices": np.asarray(template.vertices, np.float32),
         "garment_faces": template.faces,
     }
-    if body is not None and body.still is not None:
+    if inputs.clip is not None:
         with written_clip(path) as add_clip:
 
-            def add_to_clip(vertices: np.ndarray, moved: Moved | None) -> None:
-                assert moved is not None
-                assert moved.clip is not None
+            def add_to_clip(vertices: np.ndarray, part: _Part) -> None:
+                assert part.clip is not None
                 clip = replace(
-                    moved.clip,
+                    part.clip,
                     template=Template(constant["template_vertices"], template.faces, template.surface),
                     garment=Garment(vertices),
-                    info=moved.clip.info | record,
+                    info=part.clip.info | record,
                 )
                 add_clip(clip)
 
@@ -275,13 +287,13 @@ def _written_fused(
     with NpzWriter(path) as out:
         for name, values in constant.items():
             out.write(name, values)
-        if body is not None:
-            out.write("body_faces", body.faces)
+        if inputs.body is not None:
+            out.write("body_faces", inputs.body.faces)
         out.write("fps", np.float64(fps))
 
-        def add_rows(vertices: np.ndarray, moved: Moved | None) -> None:
+        def add_rows(vertices: np.ndarray, part: _Part) -> None:
             out.append("garment_vertices", vertices)
-            if moved is not None:
-                out.append("body_vertices", moved.vertices)
+            if part.body is not None:
+                out.append("body_vertices", part.body)
 
         yield add_rows

@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames
 from imgtransfer.data.reader import NpzReader
+from imgtransfer.data.sequences import clip_reader, open_clip_arrays
 from imgtransfer.pipeline.folder import (
     FUSED_FILE,
     HISTORY_FILE,
@@ -19,7 +20,6 @@ from imgtransfer.pipeline.folder import (
     POSITION_ONLY_FILE,
 )
 from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions, fuse_into
-from imgtransfer.pipeline.moving import open_moving
 from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker
 from imgtransfer.running.fingerprint import files_fingerprint, fingerprint
@@ -75,7 +75,7 @@ def fuse_clip(task: FuseTask) -> str:
     report = fuse_file(
         folder / MAPS_FILE,
         folder,
-        FuseInputs(body=open_moving(body, "body")),
+        FuseInputs(body=open_clip_arrays(body, "body"), clip=clip_reader(body)),
         task.options,
         sources=[body],
         meshes=task.meshes,

@@ -67,14 +67,14 @@ def render_scene(
     framed = TemplateImager.build(
         scene.framed, views=options.views, size=options.size, layers=options.layers, backend=options.backend
     )
-    points = {name: scene.frames.to_canonical(moved.vertices) for name, moved in scene.meshes.items()}
+    points = {name: scene.frames.to_canonical(moved.vertices()) for name, moved in scene.meshes.items()}
     box = PositionBox.around(points["garment" if "garment" in points else "body"])
     shown = sorted({round(i * (scene.n_frames - 1) / (SHEET_FRAMES - 1)) for i in range(SHEET_FRAMES)})
     with written_whole_folder(target) as folder:
         for name, moved in scene.meshes.items():
             imager = framed
-            if moved.rest is not scene.framed:
-                imager = TemplateImager.build(moved.rest, cameras=framed.cameras, backend=options.backend)
+            if moved.mesh is not scene.framed:
+                imager = TemplateImager.build(moved.mesh, cameras=framed.cameras, backend=options.backend)
             path = folder / (f"{name}.npz" if options.file_format == "npz" else name)
             drawn = _write_maps(path, imager, points[name], box, scene=scene, shown=shown, progress=progress)
             sheets = _sheets(
@@ -87,7 +87,7 @@ def render_scene(
             )
             for what, picture in sheets.items():
                 write_png(folder / f"{name}_{what}.png", picture)
-        surfaces = [(points[name][shown], moved.rest.faces) for name, moved in scene.meshes.items()]
+        surfaces = [(points[name][shown], moved.mesh.faces) for name, moved in scene.meshes.items()]
         numbers = [scene.numbers[t] for t in shown]
         picture = frames_sheet(
             surfaces, list(scene.meshes), numbers, backend=options.backend, title=scene.name
@@ -168,14 +168,14 @@ def _distances(scene: Scene, against: Scene) -> dict[str, np.ndarray]:
         if name not in against.meshes:
             continue
         other = against.meshes[name]
-        if moved.vertices.shape != other.vertices.shape or not np.array_equal(
-            moved.rest.faces, other.rest.faces
+        if moved.vertices().shape != other.vertices().shape or not np.array_equal(
+            moved.mesh.faces, other.mesh.faces
         ):
             raise InputError(
-                f"--against {against.name}: its {name} has {len(other.vertices)} frames of {len(other.rest.vertices)} "
-                f"vertices, or other triangles; {scene.name} has {len(moved.vertices)} of {len(moved.rest.vertices)}"
+                f"--against {against.name}: its {name} has {other.n_frames} frames of {len(other.mesh.vertices)} "
+                f"vertices, or other triangles; {scene.name} has {moved.n_frames} of {len(moved.mesh.vertices)}"
             )
-        found[name] = 1000 * np.linalg.norm(moved.vertices - other.vertices, axis=-1).astype(np.float32)
+        found[name] = 1000 * np.linalg.norm(moved.vertices() - other.vertices(), axis=-1).astype(np.float32)
     if not found:
         raise InputError(f"--against {against.name}: it has none of {', '.join(scene.meshes)}")
     return found

@@ -13,7 +13,7 @@ from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.data.grid import round_to_grid
 from imgtransfer.garments.config import GarmentConfig, TemplateConfig
 from imgtransfer.motions.motion import Motion
-from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
+from imgtransfer.simulation.body_motion.body_sequence import BodySequence
 from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, settled
 from imgtransfer.simulation.body_motion.skin import step_count
 from imgtransfer.simulation.body_motion.skinned import SkinnedBodyMotion
@@ -29,7 +29,7 @@ class Rejected(InputError):
 
 
 @one_blas_thread()
-def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tuple[Clip, Quality]:
+def simulate_clip(motion: Motion | BodySequence, config: SimulateConfig) -> tuple[Clip, Quality]:
     """Simulate the garment on the configuration's body that follows a motion, or on a body mesh sequence.
 
     The clip's template is the garment as it hangs on the resting body, so that what a method must predict is the
@@ -50,7 +50,7 @@ def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tupl
         Rejected: the second attempt failed, too.
         InputError: files that cannot be read, or a garment that does not fit the body.
     """
-    kind = MeshBodyMotion if isinstance(motion, MeshSequence) else SkinnedBodyMotion
+    kind = MeshBodyMotion if isinstance(motion, BodySequence) else SkinnedBodyMotion
     body_motion: BodyMotion = kind(motion, config)  # type: ignore[arg-type]
     dressed, moved = body_motion.dressed, body_motion.body
     pattern = dressed.garment.mesh
@@ -82,9 +82,9 @@ def simulate_clip(motion: Motion | MeshSequence, config: SimulateConfig) -> tupl
     return clip.with_surface(pattern.surface), quality
 
 
-def simulated_clip_name(config: SimulateConfig, motion: Motion | MeshSequence) -> str:
+def simulated_clip_name(config: SimulateConfig, motion: Motion | BodySequence) -> str:
     """What a clip is called in its data set: garment/motion, and the body where it is not the default one."""
-    body = "" if isinstance(motion, MeshSequence) else config.body.title
+    body = "" if isinstance(motion, BodySequence) else config.body.title
     return f"{config.garment.title}/{'_'.join(part for part in (motion.name, body) if part)}"
 
 

@@ -3,8 +3,12 @@ from .atomic import errors_naming as errors_naming
 from .atomic import written_whole as written_whole
 from .atomic import written_whole_folder as written_whole_folder
 from .mesh_files import load_mesh as load_mesh
+from .naming import natural_sort as natural_sort
 from .npz import open_npz as open_npz
 from .npz import read_npy as read_npy
 from .npz import read_npz as read_npz
 from .npz_writer import NpzWriter as NpzWriter
 from .npz_writer import write_npz as write_npz
+from .point_caches import open_cache as open_cache
+from .sequence import open_arrays as open_arrays
+from .sequence import open_sequence as open_sequence

@@ -1,140 +1,55 @@
-"""A moving mesh from one file a frame, or from a point cache; what does not fit together is named by its file."""
+"""The files of a mesh in motion, one a frame, in the order of their numbers."""
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
 
 from render.errors import InputError
-from render.files.atomic import check_regular
-from render.files.mesh_files import load_mesh
+from render.files.mesh_files import SUFFIXES as MESHES
 from render.files.naming import natural, natural_sort
 from render.files.point_caches import SUFFIXES as CACHES
-from render.files.point_caches import read_cache
-from render.limits import FARTHEST_IN_FILES
-from render.mesh.mesh import Mesh, zero_frame
 
-MESHES = (".obj", ".ply", ".glb")
-
-
-@dataclass(frozen=True, eq=False)
-class MovingMesh:
-    """A mesh in motion, in its file's units and axes.
-
-    Args:
-        vertices: (T, N, 3) float32.
-        mesh: the first frame, or the mesh that goes with a point cache; with its surface.
-        fps: where the file tells, else None.
-    """
-
-    vertices: np.ndarray
-    mesh: Mesh
-    fps: float | None
+FRAMES = (
+    ".obj",
+    ".ply",
+    ".glb",
+)  # STL, whose vertices have no order, is read where none of these is there
+_SIGNS = "*?["
 
 
-def read_moving_mesh(
-    source: Path, *, topology: Mesh | None = None, progress: Callable[[int], object] | None = None
-) -> MovingMesh:
-    """Read a moving mesh.
-
-    Args:
-        source: a folder of OBJ, PLY or GLB files, one a frame; a pattern of such files, such as out/shirt_*.obj; or a
-            point cache (.pc2, .pc16, .mdd).
-        topology: the mesh that a cache moves; not needed for files.
-        progress: called with 1 after each file.
-
-    Raises:
-        InputError: nothing there, frames missing or of several kinds, vertex counts or triangles that change,
-            values not finite, or a cache without its mesh or of another number of vertices.
-    """
-    if source.suffix.lower() in CACHES:
-        return _from_cache(source, topology)
-    files = frame_files(source)
-    first = load_mesh(files[0])
-    connections = _vertices_and_rest(files[0])[1]
-    vertices = np.empty((len(files), len(first.vertices), 3), np.float32)
-    for frame, file in enumerate(files):
-        moved, rest = _vertices_and_rest(file)
-        if moved is None or moved.shape != first.vertices.shape or rest != connections:
-            mesh = load_mesh(file)
-            _check_same(first, mesh, file, frame)
-            moved = mesh.vertices
-        vertices[frame] = moved
-        if progress is not None:
-            progress(1)
-    return MovingMesh(vertices, first, None)
-
-
-def _vertices_and_rest(file: Path) -> tuple[np.ndarray | None, str]:
-    """The vertices (N, 3) of an OBJ, and the text of all else but normals and comments: the same in most frames.
-
-    Four times as fast as reading the triangles of every frame. Without vertices for what needs the whole reader: other
-    formats, and what it will refuse.
-    """
-    if file.suffix.lower() != ".obj":
-        return None, ""
-    check_regular(file, "a mesh file")
-    lines = file.read_text(errors="replace").splitlines()
-    places = [line.split()[1:4] for line in lines if line.startswith("v ")]
-    try:
-        vertices = np.array(places, np.float64)
-    except ValueError:
-        return None, ""
-    rest = "\n".join(line for line in lines if not line.startswith(("v ", "vn ", "#")))
-    return (vertices if (np.abs(vertices) <= FARTHEST_IN_FILES).all() else None), rest
-
-
-def _from_cache(source: Path, topology: Mesh | None) -> MovingMesh:
-    if topology is None:
-        raise InputError(
-            f"{source}: a point cache has no triangles; give the mesh that it moves (OBJ or PLY) with it"
-        )
-    cache = read_cache(source)
-    if (lost := zero_frame(cache.vertices)) is not None:
-        raise InputError(f"{source}: all points of frame {lost} are 0, which is no mesh; export it again")
-    if cache.vertices.shape[1] != len(topology.vertices):
-        raise InputError(
-            f"{source}: {cache.vertices.shape[1]} points a frame, but {topology.source} has "
-            f"{len(topology.vertices)} vertices; they must be the same mesh"
-        )
-    return MovingMesh(cache.vertices, topology, cache.fps)
-
-
-def _check_same(first: Mesh, mesh: Mesh, file: Path, frame: int) -> None:
-    if len(mesh.vertices) != len(first.vertices):
-        raise InputError(
-            f"{file}: {len(mesh.vertices)} vertices, but the first frame has {len(first.vertices)}; the vertex count "
-            "must not change between frames: export without remeshing, decimation or a view-dependent modifier"
-        )
-    if not np.array_equal(mesh.faces, first.faces):
-        raise InputError(
-            f"{file}: as many vertices as the first frame, but other triangles (frame {frame}); every frame must be "
-            "the same mesh in the same vertex order"
-        )
+def is_pattern(path: Path) -> bool:
+    """Whether a path means several files: it has signs of a pattern in its name, and nothing is called exactly so."""
+    return any(sign in path.name for sign in _SIGNS) and not os.path.lexists(path)
 
 
 def frame_files(source: Path) -> list[Path]:
     """The files of the frames in their order: by the last number in their names, by its value.
 
+    Args:
+        source: a folder of mesh files, a pattern of such files (its last part; folders are called as they are), or one
+            mesh file.
+
     Raises:
-        InputError: no such folder, no mesh files, several kinds of names or endings, or numbers that are missing.
+        InputError: no such folder, no mesh files, several kinds of names or endings, numbers that are missing, or one
+            number twice.
     """
-    pattern = any(sign in source.name for sign in "*?[")
+    pattern = is_pattern(source)
     if not pattern and not source.is_dir():
+        if source.suffix.lower() in MESHES:
+            return [source]
         what = "a folder of OBJ, PLY or GLB frames, a pattern such as FOLDER/shirt_*.obj, or a point cache"
         raise InputError(f"{source}: no such folder; wanted is {what} ({', '.join(CACHES)})")
-    found = source.parent.glob(source.name) if pattern else source.iterdir()
-    files = natural_sort(
-        file for file in found if file.suffix.lower() in MESHES and not file.name.startswith(".")
-    )
+    entries = source.parent.glob(source.name) if pattern else source.iterdir()
+    meshes = [file for file in entries if file.suffix.lower() in MESHES and not file.name.startswith(".")]
+    files = natural_sort([file for file in meshes if file.suffix.lower() in FRAMES] or meshes)
     if not files:
         raise InputError(f"{source}: no OBJ, PLY or GLB files here; one a frame is wanted")
-    names = {re.sub(r"\d+(?=\D*$)", "#", file.name, count=1) for file in files}
+    names = {_without_number(file) for file in files}
     if len(names) > 1:
         some = ", ".join(sorted(names, key=natural)[:3])
         raise InputError(
@@ -143,6 +58,10 @@ def frame_files(source: Path) -> list[Path]:
         )
     _check_complete(source, files)
     return files
+
+
+def _without_number(file: Path) -> str:
+    return re.sub(r"\d+(?=\D*$)", "#", file.stem, count=1) + file.suffix.lower()
 
 
 def _check_complete(source: Path, files: list[Path]) -> None:

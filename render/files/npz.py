@@ -100,7 +100,7 @@ class Npz:
         with self._member(name) as file:
             self._skip_header(file)
             size = header.bytes // max(1, header.shape[0]) * min(count, header.shape[0])
-            _check_room(size, f"{self._path}: {name} of shape {header.shape}")
+            check_room(size, f"{self._path}: {name} of shape {header.shape}")
             for first in range(0, header.shape[0], count):
                 part = np.empty((min(count, header.shape[0] - first), *header.shape[1:]), header.dtype)
                 self._fill(file, part.reshape(-1))
@@ -139,7 +139,7 @@ class Npz:
     @classmethod
     def _rest(cls, file: IO[bytes], header: _Header, source: str) -> np.ndarray:
         """The array behind a header; `source` is what the message calls it where the memory is too small."""
-        _check_room(header.bytes, f"{source} of shape {header.shape}")
+        check_room(header.bytes, f"{source} of shape {header.shape}")
         values = np.empty(math.prod(header.shape), header.dtype)
         cls._fill(file, values)
         if file.read(1):
@@ -226,8 +226,8 @@ def read_npy(path: Path | str, what: str = "an npy file of one plain array") -> 
         raise InputError(f"{path}: not a readable npy array ({reason}); {what} is wanted") from error
 
 
-def _check_room(size: int, source: str) -> None:
-    """Raise InputError unless so many bytes are free."""
+def check_room(size: int, source: str) -> None:
+    """Raise InputError unless so many bytes of memory are free; `source` is what needs them, for the message."""
     free = available_bytes()
     if free is not None and size > free:
         raise InputError(

@@ -11,13 +11,16 @@ float32; http://rodolphe-vaillant.fr/?e=134 has the description of its maker.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
 from render.errors import InputError
 from render.files.data_file import check_data_file
+from render.files.npz import check_room
 from render.limits import FARTHEST_IN_FILES
 from render.mesh.mesh import check_finite
 
@@ -34,68 +37,115 @@ _PC2_HEADER = np.dtype(
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PointCache:
-    """Vertices (T, N, 3) float32 in the file's units and axes; `fps` where the file has times, else None."""
+    """A cache of which only the header was read; make one with `open_cache`.
 
-    vertices: np.ndarray
+    Args:
+        path: the file.
+        n_frames, n_points: what it holds.
+        fps: frames a second, where the file has times, else None.
+    """
+
+    path: Path
+    n_frames: int
+    n_points: int
     fps: float | None
+    _number: np.dtype[Any]
+    _start: int
+
+    def parts(self, count: int) -> Iterator[np.ndarray]:
+        """All frames in order, `count` at a time: (t, N, 3) float32, in the file's units and axes.
+
+        Raises:
+            InputError: values not finite, a file that has become shorter, or more than the memory that is free.
+        """
+        a_frame = self.n_points * 3 * self._number.itemsize
+        check_room(2 * a_frame * min(count, self.n_frames), f"{self.path}: {self.n_frames} frames")
+        with self.path.open("rb") as file:
+            file.seek(self._start)
+            for first in range(0, self.n_frames, count):
+                frames = min(count, self.n_frames - first)
+                content = file.read(frames * a_frame)
+                if len(content) < frames * a_frame:
+                    raise InputError(f"{self.path}: truncated while it was read; is it being written?")
+                values = np.frombuffer(content, self._number).reshape(frames, self.n_points, 3)
+                vertices = values.astype(np.float32)
+                # in the file's unit
+                check_finite(vertices, str(self.path), limit=FARTHEST_IN_FILES, unit="", first=first)
+                yield vertices
+
+    def vertices(self) -> np.ndarray:
+        """All frames, (T, N, 3) float32.
+
+        Raises:
+            InputError: as `parts`.
+        """
+        return next(self.parts(self.n_frames))
 
 
-def read_cache(path: Path) -> PointCache:
-    """Read a .pc2, .pc16 or .mdd file.
+def open_cache(path: Path) -> PointCache:
+    """Read the header of a .pc2, .pc16 or .mdd file.
 
     Raises:
-        InputError: no such file, another format, a truncated or overlong one, no frames, or values not finite.
+        InputError: no such file, another format, a truncated or overlong one, or no frames.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: a point cache must be one of {', '.join(SUFFIXES)}, found '{suffix}'")
-    check_data_file(path, f"a point cache ({suffix})")
-    content = path.read_bytes()
-    cache = _read_mdd(path, content) if suffix == ".mdd" else _read_pc2(path, content, half=suffix == ".pc16")
-    check_finite(cache.vertices, str(path), limit=FARTHEST_IN_FILES, unit="")  # in the file's unit
-    return cache
+    check_data_file(path, f"a point cache ({suffix})", whole=False)
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        if suffix == ".mdd":
+            return _open_mdd(path, file, size)
+        return _open_pc2(path, file, size, half=suffix == ".pc16")
 
 
-def _read_pc2(path: Path, content: bytes, *, half: bool) -> PointCache:
-    if len(content) < _PC2_HEADER.itemsize or not content.startswith(b"POINTCACHE2"):
+def _open_pc2(path: Path, file: IO[bytes], size: int, *, half: bool) -> PointCache:
+    start = _PC2_HEADER.itemsize
+    content = file.read(start)
+    if len(content) < start or not content.startswith(b"POINTCACHE2"):
         raise InputError(f"{path}: not a point cache; its first bytes must be POINTCACHE2")
     header = np.frombuffer(content, _PC2_HEADER, 1)[0]
-    kind = np.dtype("<f2" if half else "<f4")
+    number = np.dtype("<f2" if half else "<f4")
     other = np.dtype("<f4" if half else "<f2")
-    points, samples, size = int(header["points"]), int(header["samples"]), len(content) - _PC2_HEADER.itemsize
-    if points > 0 and samples > 0 and size == points * samples * 3 * other.itemsize:
+    points, samples = int(header["points"]), int(header["samples"])
+    if points > 0 and samples > 0 and size - start == points * samples * 3 * other.itemsize:
         wrong = "PC2 with 32-bit" if half else "PC16 with 16-bit"
         raise InputError(
             f"{path}: mislabelled, it holds {wrong} floats; rename it to {'.pc2' if half else '.pc16'}"
         )
-    return PointCache(_vertices(path, content[_PC2_HEADER.itemsize :], samples, points, kind), None)
+    _check_size(path, size - start, samples, points, number)
+    return PointCache(path, samples, points, None, number, start)
 
 
-def _read_mdd(path: Path, content: bytes) -> PointCache:
+def _open_mdd(path: Path, file: IO[bytes], size: int) -> PointCache:
+    content = file.read(8)
     if len(content) < 8:
         raise InputError(f"{path}: truncated, an MDD file begins with two numbers")
     frames, points = (int(value) for value in np.frombuffer(content, ">i4", 2))
-    if frames < 1 or points < 1 or len(content) < 8 + 4 * frames:
+    start = 8 + 4 * frames
+    if frames < 1 or points < 1 or size < start:
         raise InputError(f"{path}: not an MDD point cache; it would have {frames} frames of {points} points")
-    vertices = _vertices(path, content[8 + 4 * frames :], frames, points, np.dtype(">f4"))
-    times = np.frombuffer(content, ">f4", frames, 8).astype(np.float64)
+    number = np.dtype(">f4")
+    _check_size(path, size - start, frames, points, number)
+    times = np.frombuffer(file.read(4 * frames), ">f4", frames).astype(np.float64)
     if not np.isfinite(times).all():
         raise InputError(f"{path}: the frames' times are not finite; the file is damaged")
     seconds = times[-1] - times[0]
     steady = frames > 1 and seconds > 0 and np.allclose(np.diff(times), seconds / (frames - 1), rtol=0.01)
-    return PointCache(vertices, round((frames - 1) / seconds, 3) if steady else None)
+    fps = round((frames - 1) / seconds, 3) if steady else None
+    return PointCache(path, frames, points, fps, number, start)
 
 
-def _vertices(path: Path, content: bytes, frames: int, points: int, kind: np.dtype) -> np.ndarray:
+def _check_size(path: Path, size: int, frames: int, points: int, number: np.dtype[Any]) -> None:
+    """Raise InputError unless the bytes behind the header are those of so many frames and points."""
     if frames < 1 or points < 1:
         raise InputError(f"{path}: the cache says that it has {frames} frames of {points} points")
-    wanted, found = frames * points * 3 * kind.itemsize, len(content)
-    if wanted != found:
-        kind_of = "truncated" if found < wanted else "longer than it says"
+    a_frame = points * 3 * number.itemsize
+    if size != frames * a_frame:
+        wrong = "truncated" if size < frames * a_frame else "longer than it says"
         raise InputError(
-            f"{path}: {kind_of}; {frames} frames of {points} points need {wanted} bytes, found {found} "
-            f"({found // (points * 3 * kind.itemsize)} whole frames)"
+            f"{path}: {wrong}; {frames} frames of {points} points need {frames * a_frame} bytes, found {size} "
+            f"({size // a_frame} whole frames)"
         )
-    return np.frombuffer(content, kind, frames * points * 3).reshape(frames, points, 3).astype(np.float32)

@@ -6,12 +6,14 @@ from .measures import volume as volume
 from .mesh import Mesh as Mesh
 from .mesh import check_faces as check_faces
 from .mesh import check_finite as check_finite
+from .mesh import zero_frame as zero_frame
 from .normals import VertexNormals as VertexNormals
 from .normals import safe_normalize as safe_normalize
 from .normals import vertex_normals as vertex_normals
 from .rigid import heading as heading
 from .rigid import rigid_rotation as rigid_rotation
 from .rigid import twist_angle as twist_angle
+from .sequence import MeshSequence as MeshSequence
 from .sparse import SparseProduct as SparseProduct
 from .surface import Surface as Surface
 from .surface import plain_surface as plain_surface

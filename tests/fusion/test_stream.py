@@ -11,8 +11,8 @@ from fusion.report import _StageSums
 from fusion.stages import SolverResult
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import load_clip, written_clip
+from imgtransfer.data.sequences import clip_reader, open_clip_arrays
 from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions, fuse_into
-from imgtransfer.pipeline.moving import open_moving
 from render import InputError, load_maps, open_maps, written_maps
 from tests.helpers.fusion_examples import inputs_of, write_example
 
@@ -46,7 +46,9 @@ def test_files_give_what_arrays_give(folder, tmp_path, threads, batch):
     maps, clip = load_maps(folder / "long.npz"), load_clip(folder / "longer.npz")
     frames = RootFrames(maps.rotation, maps.translation)
     want = fuse_maps(maps, inputs_of(body=(frames.to_canonical(clip.body.vertices), clip.body.faces)), config)
-    given = FuseInputs(body=open_moving(folder / "longer.npz", "body"))
+    given = FuseInputs(
+        body=open_clip_arrays(folder / "longer.npz", "body"), clip=clip_reader(folder / "longer.npz")
+    )
     done = []
     report = fuse_into(
         tmp_path,

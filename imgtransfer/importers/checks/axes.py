@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from render import InputError, Mesh
+from render import InputError, Mesh, MeshSequence
+from render.mesh.mesh import check_finite
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "dm": 0.1, "in": 0.0254, "ft": 0.3048}  # metres; likeliest first
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -55,6 +56,20 @@ class Axes:
     def of_mesh(self, mesh: Mesh) -> Mesh:
         """The mesh in metres, y up, facing +z."""
         return replace(mesh, vertices=self.apply(mesh.vertices))
+
+    def of_sequence(self, sequence: MeshSequence) -> MeshSequence:
+        """The sequence in metres, y up, facing +z.
+
+        Raises:
+            InputError: when frames are read: a vertex too far away to be of a garment or body.
+        """
+
+        def in_metres(vertices: np.ndarray, first: int) -> np.ndarray:
+            moved = self.apply(vertices)
+            check_finite(moved, sequence.source, first=first)
+            return moved
+
+        return sequence.mapped(in_metres, self.of_mesh(sequence.mesh))
 
     def __str__(self) -> str:
         return f"--up={self.up} --facing={self.facing}"

@@ -31,7 +31,7 @@ from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
 from render import InputError, load_mesh
 from render.files.data_file import check_data_file
 from render.files.naming import natural_sort
-from render.files.point_caches import read_cache
+from render.files.point_caches import open_cache
 
 FPS = 30.0
 _SOURCE = "CLOTH3D, Bertiche et al. 2020, chalearnlap.cvc.uab.cat/dataset/38"
@@ -80,7 +80,7 @@ def _clip(path: Path, model_of: Any, options: ImportOptions) -> Clip:
     info = _Info(path.with_name("info.mat"))
     model: SmplModel = model_of(options.gender or info.gender)
     template = load_mesh(path.with_suffix(".obj"))
-    moved = read_cache(path).vertices
+    moved = open_cache(path).vertices()
     if moved.shape[1] != len(template.vertices):
         raise InputError(
             f"{path}: {moved.shape[1]} points a frame, but {path.stem}.obj has {len(template.vertices)} vertices"

@@ -21,9 +21,9 @@ from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.job import ImportOptions, Job
-from imgtransfer.importers.mesh_files import Source, check_frames, find_source, moving_in
-from imgtransfer.importers.part import Part
-from render import InputError
+from imgtransfer.importers.mesh_files import Source, find_source, moving_in
+from imgtransfer.importers.sequences import open_in_metres, weld_sequence
+from render import InputError, MeshSequence
 from render.files.naming import natural_sort
 
 FPS = 30.0
@@ -67,16 +67,16 @@ def job_of(name: str, source: Source, options: ImportOptions) -> Job:
     )
 
 
-def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Part, Part]:
+def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[MeshSequence, MeshSequence]:
     """Garment and body with their rest pose and first frames; `check` them, and print what does not stop the work."""
     garment_axes = options.garment_axes or options.axes
-    garment = Part.open("garment", source.garment, source.template, garment_axes)
-    body = Part.open("body", source.body, source.body_rest, options.axes)
-    check_frames(source)
+    garment = open_in_metres(source.garment, "garment", garment_axes, source.template)
+    body = open_in_metres(source.body, "body", options.axes, source.body_rest)
+    _check_lengths(garment, body)
     if check:
         found = check_template(
-            garment.rest,
-            body.rest,
+            garment.mesh,
+            body.mesh,
             given=options.axes,
             garment_given=garment_axes,
             welding=options.weld,
@@ -86,25 +86,36 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Pa
     return garment, body
 
 
-def _clip(source: Source, options: ImportOptions) -> Clip:
-    parts = _prepare(source, options, check=False)
-    with tqdm(
-        total=len(source.files()), desc=source.garment.parent.name, unit="file", leave=False, disable=None
-    ) as bar:
-        garment, body = (part.read(welding=options.weld, progress=bar.update) for part in parts)
-    if len(garment.vertices) != len(body.vertices):
+def _check_lengths(garment: MeshSequence, body: MeshSequence) -> None:
+    """Raise InputError where garment and body have different numbers of frames; none of these is read."""
+
+    def told(sequence: MeshSequence) -> str:
+        names = sequence.frame_names
+        return f"{sequence.n_frames} frames" + (f" ({names[0]} to {names[-1]})" if names else "")
+
+    if garment.n_frames != body.n_frames:
         raise InputError(
-            f"{source.garment}: {len(garment.vertices)} frames, but {source.body} has {len(body.vertices)}; both must "
-            "have the same frames"
+            f"{garment.source}: {told(garment)}, but {body.source} has {told(body)}; both must have the same frames"
         )
+
+
+def _clip(source: Source, options: ImportOptions) -> Clip:
+    garment, body = _prepare(source, options, check=False)
+    if options.weld:
+        garment, body = weld_sequence(garment), weld_sequence(body)
+    total = garment.n_frames + body.n_frames
+    with tqdm(total=total, desc=source.garment.parent.name, unit="frame", leave=False, disable=None) as bar:
+        garment, body = (sequence.loaded(bar.update) for sequence in (garment, body))
     clip = Clip(
-        template=Template(vertices=garment.rest.vertices.astype(np.float32), faces=garment.rest.faces),
-        garment=Garment(garment.vertices),
-        body=Body(rest=body.rest.vertices.astype(np.float32), faces=body.rest.faces, vertices=body.vertices),
+        template=Template(vertices=garment.mesh.vertices.astype(np.float32), faces=garment.mesh.faces),
+        garment=Garment(garment.vertices()),
+        body=Body(
+            rest=body.mesh.vertices.astype(np.float32), faces=body.mesh.faces, vertices=body.vertices()
+        ),
         fps=float(options.fps or garment.fps or body.fps or FPS),
         info={"source": str(source.garment), "units": "m"},
         name=source.garment.stem,
-    ).with_surface(garment.rest.surface)
+    ).with_surface(garment.mesh.surface)
     if not options.anyway:
         check_worn(
             clip, str(source.garment), hint="do garment and body begin at the same frame? (--anyway goes on)"

@@ -13,12 +13,11 @@ import numpy as np
 from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.formats.meshes import FPS
 from imgtransfer.importers.mesh_files import find_body
-from imgtransfer.importers.part import Part
+from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.running.fingerprint import files_fingerprint
 from imgtransfer.simulation.motion_config import SequenceFiles
-from render import InputError, Mesh
-from render.files.frame_files import frame_files
-from render.files.point_caches import SUFFIXES as CACHES
+from render import InputError, Mesh, MeshSequence
+from render.files.sequence import sequence_files
 from render.mesh.measures import edge_lengths
 
 _SCALE = 1.5  # by which a body's edges may be longer or shorter than in its rest pose, in the middle
@@ -26,7 +25,7 @@ _TORN = 1.5, 0.2  # by what factor edges change less, apart from a common one, a
 
 
 @dataclass(frozen=True)
-class MeshSequence:
+class BodySequence:
     """A body mesh sequence on disk. Make one with `find_sequence`; it is small, and read where it is simulated.
 
     Args:
@@ -47,15 +46,15 @@ class MeshSequence:
     content: str
     frames: int | None = None
 
-    def open(self) -> Part:
+    def open(self) -> MeshSequence:
         """The body at rest and the first frame.
 
         Raises:
             InputError: files that cannot be read, or a rest pose that is not the frames' mesh.
         """
-        return Part.open("body", self.moving, self.rest, self.settings.axes)
+        return open_in_metres(self.moving, "body", self.settings.axes, self.rest)
 
-    def read(self) -> MovingBody:
+    def read(self) -> SampledBody:
         """All frames, resampled and checked; the last one that was read is kept.
 
         Raises:
@@ -65,22 +64,22 @@ class MeshSequence:
 
 
 @dataclass(frozen=True, eq=False)
-class MovingBody:
-    """A body mesh in motion.
+class SampledBody:
+    """A body mesh in motion, at the frame rate that it is simulated at.
 
     Args:
-        rest: metres, y up, facing +z; `rest_content` is a fingerprint of it.
-        vertices: (T, B, 3) float32.
-        fastest: the vertex, the frame of the files after which, and the speed in m/s, of the fastest movement.
+        sequence: its frames in memory, and the body at rest; metres, y up, facing +z.
+        rest_content: a fingerprint of the body at rest.
+        fastest: the vertex, what the frame of the files is called into which, and the speed in m/s, of the fastest
+            movement.
     """
 
-    rest: Mesh
+    sequence: MeshSequence
     rest_content: str
-    vertices: np.ndarray
-    fastest: tuple[int, int, float]
+    fastest: tuple[int, str, float]
 
 
-def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> MeshSequence:
+def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> BodySequence:
     """The body in a clip's folder, with what is beside it (garment frames, a template) left alone.
 
     Raises:
@@ -88,31 +87,34 @@ def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> MeshSequ
     """
     folder = folder.resolve()
     moving, rest = find_body(folder, settings.body_rest)
-    files = [moving] if moving.suffix.lower() in CACHES else frame_files(moving)
+    files = sequence_files(moving)
     content = files_fingerprint(files if rest is None else [*files, rest])
     name = valid_clip_name("", folder.name).partition("/")[2]
-    return MeshSequence(name, moving, rest, settings, fps, content)
+    return BodySequence(name, moving, rest, settings, fps, content)
 
 
 @lru_cache(maxsize=1)
-def _read(sequence: MeshSequence) -> MovingBody:
+def _read(sequence: BodySequence) -> SampledBody:
     settings = sequence.settings
-    read = sequence.open().read(welding=settings.weld)
-    vertices, fps = read.vertices, float(settings.fps or read.fps or FPS)
+    opened = sequence.open()
+    body = weld_sequence(opened) if settings.weld else opened
+    vertices, fps, rest = body.vertices(), float(settings.fps or body.fps or FPS), body.mesh
     if len(vertices) < 2:
         raise InputError(f"{sequence.moving}: a body mesh sequence needs two frames or more, found one")
-    _check_like_rest(sequence, read.rest, vertices)
+    _check_like_rest(sequence, rest, vertices)
     moved = resampled(vertices, fps, sequence.fps)[: sequence.frames]
     if len(moved) < 2:
         raise InputError(
             f"{sequence.moving}: {len(vertices)} frames at {fps:g} a second are too short for two at {sequence.fps:g}"
         )
-    content = hashlib.sha256(read.rest.vertices.tobytes() + read.rest.faces.tobytes()).hexdigest()
-    return MovingBody(read.rest, content, moved, _fastest(vertices, fps))
+    content = hashlib.sha256(rest.vertices.tobytes() + rest.faces.tobytes()).hexdigest()
+    vertex, frame, speed = _fastest(vertices, fps)
+    sampled = MeshSequence.of_array(rest, moved, source=str(sequence.moving), fps=sequence.fps)
+    return SampledBody(sampled, content, (vertex, body.frame_name(frame + 1), speed))
 
 
 def _fastest(vertices: np.ndarray, fps: float) -> tuple[int, int, float]:
-    """See `MovingBody.fastest`."""
+    """The vertex, the frame after which, and the speed in m/s, of the fastest movement."""
     ways = [np.linalg.norm(end - start, axis=1) for start, end in pairwise(vertices)]
     frame = int(np.argmax([way.max() for way in ways]))
     vertex = int(ways[frame].argmax())
@@ -131,22 +133,18 @@ def resampled(vertices: np.ndarray, given: float, fps: float) -> np.ndarray:
     return (1 - share) * vertices[before] + share * vertices[before + 1]
 
 
-def speed_fault(sequence: MeshSequence, body: MovingBody) -> str | None:
+def speed_fault(sequence: BodySequence, body: SampledBody) -> str | None:
     """What is said of a body that jumps; None where its fastest vertex keeps within `settings.speed`."""
-    vertex, frame, speed = body.fastest
+    vertex, name, speed = body.fastest
     if speed <= sequence.settings.speed:
         return None
-    moving = sequence.moving
-    name = f"frame {frame + 1}"
-    if moving.suffix.lower() not in CACHES:
-        name = frame_files(moving)[frame + 1].name
     return (
         f"vertex {vertex} moves at {speed:.0f} m/s into {name}, at most {sequence.settings.speed:g} are allowed: is "
         "the frame rate right (--fps), and the vertex order the same in every frame?"
     )
 
 
-def _check_like_rest(sequence: MeshSequence, rest: Mesh, vertices: np.ndarray) -> None:
+def _check_like_rest(sequence: BodySequence, rest: Mesh, vertices: np.ndarray) -> None:
     """Compare edges with those at rest, in the first, middle and last frame.
 
     Raises:

@@ -13,7 +13,7 @@ from imgtransfer.garments.config import GarmentConfig, TemplateConfig, garment_f
 from imgtransfer.garments.garment import template_garment
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import seam_groups
-from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
+from imgtransfer.simulation.body_motion.body_sequence import BodySequence
 from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedBody, warm_up_fractions
 from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation
 from imgtransfer.simulation.body_motion.skin import SkinPoints, covered_skin
@@ -32,17 +32,18 @@ class MeshBodyMotion(BodyMotion):
         InputError: files that cannot be read, or a garment that does not fit.
     """
 
-    def __init__(self, sequence: MeshSequence, config: SimulateConfig) -> None:
-        moving = sequence.read()
+    def __init__(self, sequence: BodySequence, config: SimulateConfig) -> None:
+        sampled = sequence.read()
+        body = sampled.sequence
         self.name, self.fps = sequence.name, sequence.fps
-        key = _Rest(moving.rest_content, moving.rest, sequence.settings.axes)
+        key = _Rest(sampled.rest_content, body.mesh, sequence.settings.axes)
         self.dressed, self._pinned = _dressed(key, config.garment, garment_fingerprint(config.garment))
-        rest = moving.rest.vertices
-        vertices = moving.vertices
+        rest = body.mesh.vertices
+        vertices = body.vertices()
         self._heading = heading(rigid_rotation(rest, vertices[0].astype(np.float64)))
         self._centres = rest.mean(axis=0), vertices[0].mean(axis=0, dtype=np.float64)
         own = ((vertices - self._centres[1]) @ self._heading + self._centres[0]).astype(np.float32)
-        interpolation = ShapeInterpolation(rest, own[0], moving.rest.faces, same=seam_groups(moving.rest))
+        interpolation = ShapeInterpolation(rest, own[0], body.faces, same=seam_groups(body.mesh))
         fractions = warm_up_fractions(config.solver, self.fps)
         warm_up = [interpolation.at(fraction).astype(np.float32) for fraction in fractions[:-1]]
         self.start = len(warm_up)

@@ -11,7 +11,7 @@ from imgtransfer.bodies.config import SmplConfig, make_body
 from imgtransfer.garments.config import TemplateConfig
 from imgtransfer.garments.garment import resting, template_garment
 from imgtransfer.importers.checks.findings import Say
-from imgtransfer.simulation.body_motion.body_sequence import MeshSequence, speed_fault
+from imgtransfer.simulation.body_motion.body_sequence import BodySequence, speed_fault
 from imgtransfer.simulation.planning.task import Task
 from render import InputError
 
@@ -36,13 +36,12 @@ def check_files(tasks: Sequence[Task], say: Say) -> None:
     for task in tasks:
         motion, garment = task.motion, task.config.garment
         own = garment if isinstance(garment, TemplateConfig) else None
-        wears = (motion.rest or motion.moving) if isinstance(motion, MeshSequence) else task.config.body
+        wears = (motion.rest or motion.moving) if isinstance(motion, BodySequence) else task.config.body
         if (wears, own) in checked:
             continue
         checked.add((wears, own))
-        if isinstance(motion, MeshSequence):
-            part = motion.open()
-            wearer, axes, called = part.rest, part.axes, ""
+        if isinstance(motion, BodySequence):
+            wearer, axes, called = motion.open().mesh, motion.settings.axes, ""
             if motion.rest is None:
                 note(f"{motion.moving}: no body_rest beside it, so its first frame is taken as the rest pose")
         elif own is not None or isinstance(task.config.body, SmplConfig):
@@ -65,12 +64,12 @@ def steady(tasks: Sequence[Task]) -> list[Task]:
     Raises:
         InputError: frames that cannot be read or do not fit together.
     """
-    faults: dict[MeshSequence, str | None] = {}
-    sequences = dict.fromkeys(task.motion for task in tasks if isinstance(task.motion, MeshSequence))
+    faults: dict[BodySequence, str | None] = {}
+    sequences = dict.fromkeys(task.motion for task in tasks if isinstance(task.motion, BodySequence))
     for sequence in tqdm(sequences, desc="check", unit="sequence", leave=False, disable=None):
         faults[sequence] = fault = speed_fault(sequence, sequence.read())
         if fault is not None:
             print(f"left out {sequence.moving}: {fault}", file=sys.stderr)
     return [
-        task for task in tasks if not isinstance(task.motion, MeshSequence) or faults[task.motion] is None
+        task for task in tasks if not isinstance(task.motion, BodySequence) or faults[task.motion] is None
     ]

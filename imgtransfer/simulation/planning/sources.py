@@ -9,7 +9,7 @@ from pathlib import Path
 from imgtransfer.importers.mesh_files import moving_in
 from imgtransfer.motions.files import SUFFIXES as MOTIONS
 from render import InputError
-from render.files.frame_files import MESHES
+from render.files.frame_files import FRAMES
 from render.files.naming import natural_sort
 from render.files.point_caches import SUFFIXES as CACHES
 
@@ -54,7 +54,7 @@ def has_body(folder: Path) -> bool:
     found = moving_in(folder, "body") if folder.is_dir() else None
     if found is None or not found.is_dir():
         return found is not None
-    return any(file.suffix.lower() in MESHES for file in found.iterdir())
+    return any(file.suffix.lower() in FRAMES for file in found.iterdir())
 
 
 def _motion_file(path: Path) -> Path:
@@ -63,7 +63,7 @@ def _motion_file(path: Path) -> Path:
         return path
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; {_WANTED}")
-    if suffix in (*CACHES, *MESHES):
+    if suffix in (*CACHES, *FRAMES):
         raise InputError(f"{path}: a body mesh sequence is given by the folder that holds it; {_WANTED}")
     raise InputError(f"{path}: neither a motion file nor a folder; {_WANTED}")
 

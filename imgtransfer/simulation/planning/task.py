@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from imgtransfer.garments.config import garment_fingerprint
 from imgtransfer.motions.motion import Motion
 from imgtransfer.running.fingerprint import fingerprint
-from imgtransfer.simulation.body_motion.body_sequence import MeshSequence
+from imgtransfer.simulation.body_motion.body_sequence import BodySequence
 from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.motion_config import Split
 from imgtransfer.simulation.run import simulated_clip_name
@@ -17,7 +17,7 @@ from imgtransfer.simulation.run import simulated_clip_name
 class Task:
     """One clip to simulate: a motion of the configuration's body, or a body mesh sequence."""
 
-    motion: Motion | MeshSequence
+    motion: Motion | BodySequence
     split: Split
     config: SimulateConfig
 
@@ -30,7 +30,7 @@ class Task:
         """A text that changes with whatever decides how the clip comes out; files count by what they hold."""
         motion, config = self.motion, self.config
         left_out = {"clips", "files", "sequences", "title", "licence", "source"}
-        if isinstance(motion, MeshSequence):
+        if isinstance(motion, BodySequence):
             left_out.add("body")
             settings = motion.settings.model_dump_json(exclude={"body_rest", "speed"})
             content = [settings.encode(), motion.content.encode(), str(motion.frames).encode()]

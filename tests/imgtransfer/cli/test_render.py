@@ -254,7 +254,7 @@ def test_other_axes_and_units_give_the_same_scene(meshes: Path, tmp_path: Path) 
         np.testing.assert_allclose(found.framed.vertices, wanted.framed.vertices, atol=1e-6)
         np.testing.assert_allclose(found.frames.rotation, wanted.frames.rotation, atol=1e-5)
         for name, mesh in wanted.meshes.items():
-            np.testing.assert_allclose(found.meshes[name].vertices, mesh.vertices, atol=1e-6)
+            np.testing.assert_allclose(found.meshes[name].vertices(), mesh.vertices(), atol=1e-6)
 
 
 def test_welded_seams_have_smooth_normals(tmp_path: Path) -> None:

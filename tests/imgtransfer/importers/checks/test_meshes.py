@@ -1,4 +1,4 @@
-"""Frames in their order, welded seams and the way back, and what is said of a garment and a body before any work."""
+"""Axes and units, welded seams and the way back, and what is said of a garment and a body before any work."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ from imgtransfer.importers.checks.template import load_template
 from imgtransfer.importers.checks.topology import check_topology
 from imgtransfer.importers.checks.weld import weld, weld_motion
 from render import InputError, Mesh
-from render.files.frame_files import frame_files, read_moving_mesh
 from render.mesh.surface import Surface
 from tests.helpers import synthetic
-from tests.helpers.import_examples import standing_body, vest, write_obj, write_pc2
+from tests.helpers.import_examples import standing_body, vest, write_obj
 
 # axes and units
 
@@ -67,113 +66,6 @@ def test_axes_without_sense_are_refused() -> None:
 )
 def test_units_by_the_size_of_a_person(size: float, unit: str | None) -> None:
     assert likely_unit(size) == unit
-
-
-# frames
-
-TUBE, FACES = synthetic.tube(0.2, 0.5, 4, 6, closed=False)
-
-
-def write_frames(folder: Path, numbers: list[int], name: str = "shirt_{}") -> Path:
-    for number in numbers:
-        write_obj(folder / f"{name.format(number)}.obj", TUBE + [number, 0, 0], FACES)  # noqa: RUF005
-    return folder
-
-
-def test_frame_10_comes_after_frame_2(tmp_path: Path) -> None:
-    folder = write_frames(tmp_path / "frames", list(range(12)))
-    moving = read_moving_mesh(folder)
-    assert moving.vertices.shape == (12, len(TUBE), 3)
-    np.testing.assert_allclose(moving.vertices[:, 0, 0], TUBE[0, 0] + np.arange(12), atol=1e-5)
-    assert [file.stem for file in frame_files(folder)[:3]] == ["shirt_0", "shirt_1", "shirt_2"]
-
-
-def test_every_second_frame_is_no_gap(tmp_path: Path) -> None:
-    assert len(frame_files(write_frames(tmp_path / "frames", [2, 4, 6]))) == 3
-
-
-@pytest.mark.parametrize(
-    ("numbers", "message"),
-    [
-        ([0, 1, 3, 4], r"shirt_0\.obj and shirt_4\.obj: 2 \(4 files"),
-        ([0, 2, 3], "missing"),
-        ([1, 2, 9], r"3, 4, 5, 6, 7 \.\.\."),
-        ([20260101000000, 20260101000001, 20260201000000], "20260101000002, 20260101000003,.* ... .3 files"),
-        ([1, 2, 10**30], "3, 4, 5, 6, 7 ... .3 files"),
-        ([1, 3, 6], "uneven steps|5"),
-    ],
-)
-def test_missing_frames_are_named(tmp_path: Path, numbers: list[int], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        read_moving_mesh(write_frames(tmp_path / "frames", numbers))
-
-
-def test_the_same_frame_twice(tmp_path: Path) -> None:
-    folder = write_frames(tmp_path / "frames", [0, 1])
-    write_obj(folder / "shirt_01.obj", TUBE, FACES)
-    with pytest.raises(InputError, match="are the same frame"):
-        read_moving_mesh(folder)
-
-
-def test_frames_of_two_meshes_in_one_folder_ask_for_a_pattern(tmp_path: Path) -> None:
-    write_frames(tmp_path / "frames", [0, 1], "body_{}")
-    write_frames(tmp_path / "frames", [0, 1], "shirt_{}")
-    with pytest.raises(InputError, match=r"several kinds \(body_#\.obj, shirt_#\.obj\).*body_\*\.obj"):
-        frame_files(tmp_path / "frames")
-    assert len(frame_files(tmp_path / "frames/shirt_*.obj")) == 2
-
-
-def test_a_vertex_count_that_changes_is_named(tmp_path: Path) -> None:
-    folder = write_frames(tmp_path / "frames", [0, 1, 2])
-    more, faces = synthetic.tube(0.2, 0.5, 5, 6, closed=False)
-    write_obj(folder / "shirt_1.obj", more, faces)
-    with pytest.raises(
-        InputError, match=r"shirt_1\.obj: 30 vertices, but the first frame has 24; the vertex count must not"
-    ):
-        read_moving_mesh(folder)
-
-
-def test_other_triangles_are_named(tmp_path: Path) -> None:
-    folder = write_frames(tmp_path / "frames", [0, 1, 2])
-    write_obj(folder / "shirt_2.obj", TUBE, FACES[::-1])
-    with pytest.raises(
-        InputError, match=r"shirt_2\.obj: as many vertices as the first frame, but other triangles"
-    ):
-        read_moving_mesh(folder)
-
-
-def test_a_frame_that_is_not_finite_is_named(tmp_path: Path) -> None:
-    folder = write_frames(tmp_path / "frames", [0, 1])
-    broken = TUBE.copy()
-    broken[3] = np.nan
-    write_obj(folder / "shirt_1.obj", broken, FACES)
-    with pytest.raises(InputError, match=r"shirt_1\.obj: vertex 3 is .*not finite"):
-        read_moving_mesh(folder)
-
-
-def test_frames_that_are_not_there(tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    for place, message in (
-        ("empty", "no OBJ, PLY or GLB files"),
-        ("none", "no such folder"),
-        ("none_*.obj", "no OBJ"),
-    ):
-        with pytest.raises(InputError, match=message):
-            frame_files(tmp_path / place)
-    write_obj(tmp_path / "names/one.obj", TUBE, FACES)
-    write_obj(tmp_path / "names/one .obj", TUBE, FACES)
-    with pytest.raises(InputError, match="several kinds"):
-        frame_files(tmp_path / "names")
-
-
-def test_a_cache_needs_its_own_mesh(tmp_path: Path) -> None:
-    path = write_pc2(tmp_path / "a.pc2", np.repeat(TUBE[None], 3, axis=0))
-    np.testing.assert_array_equal(read_moving_mesh(path, topology=Mesh(TUBE, FACES)).vertices[2], TUBE)
-    with pytest.raises(InputError, match="a point cache has no triangles"):
-        read_moving_mesh(path)
-    other = Mesh(*synthetic.tube(0.2, 0.5, 5, 6, closed=False), source="other.obj")
-    with pytest.raises(InputError, match=r"24 points a frame, but other\.obj has 30 vertices"):
-        read_moving_mesh(path, topology=other)
 
 
 # welding

@@ -224,10 +224,10 @@ def test_frames_are_resampled_by_time():
 def test_the_frame_rate_is_the_files_or_the_users(tmp_path):
     write_body(tmp_path / "walk", moving("walk", 13), Axes())
     read = find_sequence(tmp_path / "walk", SequenceFiles(fps=60), 30.0).read()
-    assert len(read.vertices) == 7
+    assert read.sequence.n_frames == 7
     shutil.rmtree(tmp_path / "walk/body")
     write_mdd(tmp_path / "walk/body.mdd", moving("walk", 13), 60.0)
-    assert len(find_sequence(tmp_path / "walk", SequenceFiles(), 30.0).read().vertices) == 7
+    assert find_sequence(tmp_path / "walk", SequenceFiles(), 30.0).read().sequence.n_frames == 7
     with pytest.raises(InputError, match="13 frames at 500 a second are too short"):
         find_sequence(tmp_path / "walk", SequenceFiles(fps=500), 30.0).read()
 

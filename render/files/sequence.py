@@ -1,0 +1,168 @@
+"""Meshes in motion from files: one file a frame, a point cache, or arrays; read when their turn comes.
+
+What does not fit together is named by its file. Vertices stay in the file's units and axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from render.errors import InputError
+from render.files.atomic import check_regular
+from render.files.frame_files import frame_files, is_pattern
+from render.files.mesh_files import SUFFIXES as MESHES
+from render.files.mesh_files import load_mesh
+from render.files.npz import open_npz
+from render.files.point_caches import SUFFIXES as CACHES
+from render.files.point_caches import open_cache
+from render.limits import FARTHEST_IN_FILES
+from render.mesh.mesh import Mesh, check_faces, check_finite, zero_frame
+from render.mesh.sequence import MeshSequence
+
+
+def is_cache(path: Path) -> bool:
+    """Whether a path is read as a point cache."""
+    return path.suffix.lower() in CACHES and not path.is_dir() and not is_pattern(path)
+
+
+def is_sequence(path: Path) -> bool:
+    """Whether `open_sequence` would read what is at a path."""
+    return path.is_dir() or is_pattern(path) or path.suffix.lower() in (*MESHES, *CACHES)
+
+
+def sequence_files(source: Path) -> list[Path]:
+    """Every file that a sequence is read from, in the order of its frames; what is one file stands for itself.
+
+    Raises:
+        InputError: as `frame_files`.
+    """
+    return frame_files(source) if source.is_dir() or is_pattern(source) else [source]
+
+
+def open_sequence(source: Path, mesh: Mesh | None = None) -> MeshSequence:
+    """A mesh in motion; its first frame is read, and with it what the mesh is.
+
+    Args:
+        source: a folder of OBJ, PLY or GLB files, one a frame; a pattern of such files, such as out/shirt_*.obj; one
+            mesh file for a single frame; or a point cache (.pc2, .pc16, .mdd).
+        mesh: that a cache moves; not needed for files.
+
+    Raises:
+        InputError: nothing there, frames missing or of several kinds, or a cache without its mesh or of another number
+            of vertices. When frames are read: vertex counts or triangles that change, or values not finite.
+    """
+    return _of_cache(source, mesh) if is_cache(source) else _of_files(source, frame_files(source))
+
+
+def open_arrays(path: Path, faces: str, vertices: str) -> MeshSequence:
+    """A mesh in motion from an npz.
+
+    Args:
+        path: the file. faces, vertices: names of its arrays (F, 3) and (T, N, 3).
+
+    Raises:
+        InputError: no such file, a damaged one, or arrays that are missing or of a wrong shape. When frames are read:
+            values not finite.
+    """
+    with open_npz(path, f"an npz with {faces} and {vertices}") as npz:
+        missing = [name for name in (faces, vertices) if name not in npz]
+        if missing:
+            raise InputError(f"{path}: lacks {' and '.join(missing)}; a mesh in motion needs both")
+        shape = npz.shape(vertices)
+        if len(shape) != 3 or shape[0] == 0 or shape[2] != 3:
+            raise InputError(f"{path}: {vertices} must have shape (frames, vertices, 3), found {shape}")
+        triangles = npz.read(faces)
+        check_faces(triangles, shape[1], f"{path}: {faces}")
+        first = next(npz.rows(vertices, 1))[0]
+        check_finite(first[None], f"{path}: {vertices}")
+
+    def parts(count: int) -> Iterator[np.ndarray]:
+        with open_npz(path) as npz:
+            done = 0
+            for part in npz.rows(vertices, count):
+                check_finite(part, f"{path}: {vertices}", first=done)
+                done += len(part)
+                double = part.dtype.newbyteorder("=") == np.float64
+                yield part.astype(np.float64 if double else np.float32, copy=False)
+
+    return MeshSequence(Mesh(first, triangles, str(path)), shape[0], parts, str(path))
+
+
+def _of_files(source: Path, files: list[Path]) -> MeshSequence:
+    first = load_mesh(files[0])
+
+    def parts(count: int) -> Iterator[np.ndarray]:
+        connections = _vertices_and_rest(files[0])[1]
+        for start in range(0, len(files), count):
+            vertices = np.empty((min(count, len(files) - start), *first.vertices.shape), np.float32)
+            for row, file in enumerate(files[start : start + count]):
+                vertices[row] = _frame(file, first, connections)
+            yield vertices
+
+    return MeshSequence(first, len(files), parts, str(source), frame_names=[file.name for file in files])
+
+
+def _frame(file: Path, first: Mesh, connections: str) -> np.ndarray:
+    """(N, 3) vertices of a file that is known, or found, to be of the first one's mesh."""
+    moved, rest = _vertices_and_rest(file)
+    if moved is not None and moved.shape == first.vertices.shape and rest == connections:
+        return moved
+    mesh = load_mesh(file)
+    if len(mesh.vertices) != len(first.vertices):
+        raise InputError(
+            f"{file}: {len(mesh.vertices)} vertices, but the first frame has {len(first.vertices)}; the vertex count "
+            "must not change between frames: export without remeshing, decimation or a view-dependent modifier"
+        )
+    if not np.array_equal(mesh.faces, first.faces):
+        raise InputError(
+            f"{file}: as many vertices as the first frame, but other triangles; every frame must be the same mesh in "
+            "the same vertex order"
+        )
+    return mesh.vertices
+
+
+def _vertices_and_rest(file: Path) -> tuple[np.ndarray | None, str]:
+    """The vertices (N, 3) of an OBJ, and the text of all else but normals and comments: the same in most frames.
+
+    Four times as fast as reading the triangles of every frame. Without vertices for what needs the whole reader: other
+    formats, and what it will refuse.
+    """
+    if file.suffix.lower() != ".obj":
+        return None, ""
+    check_regular(file, "a mesh file")
+    lines = file.read_text(errors="replace").splitlines()
+    places = [line.split()[1:4] for line in lines if line.startswith("v ")]
+    try:
+        vertices = np.array(places, np.float64)
+    except ValueError:
+        return None, ""
+    rest = "\n".join(line for line in lines if not line.startswith(("v ", "vn ", "#")))
+    return (vertices if (np.abs(vertices) <= FARTHEST_IN_FILES).all() else None), rest
+
+
+def _of_cache(source: Path, mesh: Mesh | None) -> MeshSequence:
+    if mesh is None:
+        raise InputError(
+            f"{source}: a point cache has no triangles; give the mesh that it moves (OBJ or PLY) with it"
+        )
+    cache = open_cache(source)
+    if cache.n_points != len(mesh.vertices):
+        raise InputError(
+            f"{source}: {cache.n_points} points a frame, but {mesh.source} has {len(mesh.vertices)} vertices; they "
+            "must be the same mesh"
+        )
+
+    def parts(count: int) -> Iterator[np.ndarray]:
+        done = 0
+        for part in cache.parts(count):
+            if (lost := zero_frame(part)) is not None:
+                raise InputError(
+                    f"{source}: all points of frame {done + lost} are 0, which is no mesh; export it again"
+                )
+            done += len(part)
+            yield part
+
+    return MeshSequence(mesh, cache.n_frames, parts, str(source), cache.fps)

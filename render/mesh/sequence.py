@@ -1,0 +1,123 @@
+"""A mesh in motion, whose frames are read when their turn comes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from render.errors import InputError
+from render.mesh.mesh import Mesh
+
+_FRAMES_AT_ONCE = 16  # that are read between two steps of a progress bar
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSequence:
+    """One mesh in T frames, wherever these come from.
+
+    Args:
+        mesh: which vertices make which triangles, with its surface: at rest where a rest pose is known, else in the
+            first frame.
+        n_frames: T.
+        parts: all frames in order, so many at a time as it is given: (t, N, 3) float32 or float64, of which the last
+            part may be shorter. Frames are read, and what is wrong with them raised, when their part is asked for.
+        source: what messages call it.
+        fps: frames a second, where the source says so.
+        frame_names: of each frame, for messages; None where frames have only numbers.
+    """
+
+    mesh: Mesh
+    n_frames: int
+    parts: Callable[[int], Iterator[np.ndarray]]
+    source: str = "mesh sequence"
+    fps: float | None = None
+    frame_names: Sequence[str] | None = None
+
+    @classmethod
+    def of_array(
+        cls, mesh: Mesh, vertices: np.ndarray, *, source: str = "mesh sequence", fps: float | None = None
+    ) -> MeshSequence:
+        """The frames (T, N, 3) of a mesh that are in memory already; its parts are views of them.
+
+        Raises:
+            InputError: another number of vertices than the mesh has.
+        """
+        if vertices.ndim != 3 or vertices.shape[1:] != mesh.vertices.shape:
+            raise InputError(
+                f"{source}: frames must have shape (frames, {len(mesh.vertices)}, 3), found {vertices.shape}"
+            )
+
+        def parts(count: int) -> Iterator[np.ndarray]:
+            return (vertices[first : first + count] for first in range(0, len(vertices), count))
+
+        return cls(mesh, len(vertices), parts, source, fps)
+
+    @property
+    def faces(self) -> np.ndarray:
+        """(F, 3) int64 of the mesh."""
+        return self.mesh.faces
+
+    def vertices(self, progress: Callable[[int], object] | None = None) -> np.ndarray:
+        """All frames (T, N, 3); without a copy where they are in memory.
+
+        Args:
+            progress: called with a number of frames when they are read.
+        """
+        whole: np.ndarray | None = None
+        done = 0
+        for part in self.parts(self.n_frames if progress is None else _FRAMES_AT_ONCE):
+            if len(part) == self.n_frames:
+                whole = part
+            else:
+                whole = np.empty((self.n_frames, *part.shape[1:]), part.dtype) if whole is None else whole
+                whole[done : done + len(part)] = part
+            done += len(part)
+            if progress is not None:
+                progress(len(part))
+        assert whole is not None
+        return whole
+
+    def loaded(self, progress: Callable[[int], object] | None = None) -> MeshSequence:
+        """The same with all frames in memory."""
+        loaded = self.of_array(self.mesh, self.vertices(progress), source=self.source, fps=self.fps)
+        return replace(loaded, frame_names=self.frame_names)
+
+    def mapped(self, function: Callable[[np.ndarray, int], np.ndarray], mesh: Mesh) -> MeshSequence:
+        """The sequence with every part passed through a function.
+
+        Args:
+            function: (t, N, 3) vertices and the number of their first frame -> (t, M, 3).
+            mesh: the mesh with M vertices that is then in motion.
+        """
+
+        def parts(count: int) -> Iterator[np.ndarray]:
+            first = 0
+            for part in self.parts(count):
+                yield function(part, first)
+                first += len(part)
+
+        return replace(self, mesh=mesh, parts=parts)
+
+    def at_rest(self, rest: Mesh, owner: str = "sequence") -> MeshSequence:
+        """The sequence with its mesh in the rest pose.
+
+        Args:
+            rest: the same mesh. owner: whose rest pose it is, for messages.
+
+        Raises:
+            InputError: another number of vertices, or other triangles.
+        """
+        mesh = self.mesh
+        if len(mesh.vertices) != len(rest.vertices) or not np.array_equal(mesh.faces, rest.faces):
+            raise InputError(
+                f"{mesh.source}: {len(mesh.vertices)} vertices and {len(mesh.faces)} triangles, but the template "
+                f"{rest.source} has {len(rest.vertices)} and {len(rest.faces)}, or others; the rest "
+                f"pose must be the {owner}'s own mesh, with its vertices in the same order"
+            )
+        return replace(self, mesh=rest)
+
+    def frame_name(self, frame: int) -> str:
+        """What messages call a frame: its file's name, or "frame 3"."""
+        return f"frame {frame}" if self.frame_names is None else self.frame_names[frame]
