@@ -12,7 +12,7 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.weld import weld, weld_motion
-from render import InputError, Mesh, load_mesh
+from render import InputError, Mesh, Option, load_mesh
 from render.files.frame_files import read_moving_mesh
 from render.files.mesh_files import SUFFIXES
 from render.mesh.mesh import check_finite
@@ -100,10 +100,14 @@ def mesh_scene(
     garment = _moved(load_mesh(template), frames, garment_axes or axes, welding)
     name = template.stem if frames.is_dir() or any(sign in frames.name for sign in "*?[") else frames.stem
     if (body_template is None) != (body is None):
-        raise InputError("--body and --body-template belong together: the body in motion, and at rest")
+        raise InputError(
+            f"{Option('body')} and {Option('body_template')} belong together: the body in motion, and at rest"
+        )
     if body_template is None or body is None:
         if root is not None:
-            raise InputError(f"--root {root}: there is no body to find the root's motion of; give --body")
+            raise InputError(
+                f"{Option('root')} {root}: there is no body to find the root's motion of; give {Option('body')}"
+            )
         count = len(garment.vertices)
         still = RootFrames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
         return Scene(name, garment.rest, {"garment": garment}, still, fps, range(count))

@@ -16,7 +16,7 @@ from imgtransfer.importers.mesh_files import find_body
 from imgtransfer.importers.part import Part
 from imgtransfer.running.fingerprint import files_fingerprint
 from imgtransfer.simulation.motion_config import SequenceFiles
-from render import InputError, Mesh
+from render import InputError, Mesh, Option
 from render.files.frame_files import frame_files
 from render.files.point_caches import SUFFIXES as CACHES
 from render.mesh.measures import edge_lengths
@@ -142,7 +142,7 @@ def speed_fault(sequence: MeshSequence, body: MovingBody) -> str | None:
         name = frame_files(moving)[frame + 1].name
     return (
         f"vertex {vertex} moves at {speed:.0f} m/s into {name}, at most {sequence.settings.speed:g} are allowed: is "
-        "the frame rate right (--fps), and the vertex order the same in every frame?"
+        f"the frame rate right ({Option('fps')}), and the vertex order the same in every frame?"
     )
 
 
