@@ -21,6 +21,7 @@ from .mesh.mesh import Mesh as Mesh
 from .mesh.normals import vertex_normals as vertex_normals
 from .mesh.sequence import MeshSequence as MeshSequence
 from .mesh.surface import Surface as Surface
+from .options import Option as Option
 from .pictures import contact_sheet as contact_sheet
 from .pictures import write_png as write_png
 from .raster.raster import Raster as Raster

@@ -207,7 +207,7 @@ def _fuse_file(args: argparse.Namespace, options: FuseOptions) -> None:
     from imgtransfer.report.fusion_history import fusion_table  # noqa: PLC0415
     from render.files.atomic import written_whole_folder  # noqa: PLC0415
 
-    check_replaceable(args.out, "--out")
+    check_replaceable(args.out)
     inputs = given_files(args)
     files = (args.template, args.initial, args.body, args.inner, args.pins)
     with written_whole_folder(args.out) as folder:

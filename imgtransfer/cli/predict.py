@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
             continue
         model.check_garment(still)  # all before any work: a wrong one would stop the command half-way
         with_garment &= still.garment is not None
-        check_replaceable(args.out / folder_of_clip(ref.name), "--out")
+        check_replaceable(args.out / folder_of_clip(ref.name))
         clip = replace(ref, source=everywhere(ref.source))
         tasks.append(PredictTask(path, mark, clip, out / folder_of_clip(ref.name), args.overwrite))
     run = run_tasks(predict_clip, tasks, executor=executor, name=lambda task: task.name)

@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from imgtransfer.cli.mesh_options import add_axes, chosen_axes
 from imgtransfer.cli.options import add_changes, add_clip_names, add_runner, chosen_executor, refuse_twice
+from imgtransfer.running.messages import as_flag
 from render import InputError
+from render.options import Option, options_named
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.simulation.config import SimulateConfig
 
 _OF_GARMENT = ("garment", "pinned", "anyway", "garment_up", "garment_facing", "garment_unit")
 _OF_AXES = ("up", "facing", "unit", "scale")
+_OF_TEMPLATE = ("weld", "pinned", "anyway")  # keys of a garment's own mesh that are options, too
 _OF_SEQUENCES = ("body_rest", "fps")
 _DECIDED = {  # by options, in place of the configuration
     "template": ("garment", "garments"),
@@ -81,8 +84,6 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
 def run(args: argparse.Namespace) -> None:
     """Simulate, and say where the data set is."""
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
-    from imgtransfer.importers.checks.findings import as_flag  # noqa: PLC0415
-    from imgtransfer.importers.checks.template import as_setting  # noqa: PLC0415
     from imgtransfer.running.extras import check_installed  # noqa: PLC0415
     from imgtransfer.simulation.config import SimulateConfig  # noqa: PLC0415
     from imgtransfer.simulation.planning.job import simulate  # noqa: PLC0415
@@ -98,15 +99,24 @@ def run(args: argparse.Namespace) -> None:
     config = _with_meshes(args, load_config(SimulateConfig, configs[0] if configs else None, args.set))
     sources = [path for path in args.sources if path not in configs]
     _check_used(args, sequences=bool(sorted_sources(sources)[1]))
-    say = as_setting if args.template is None else as_flag
-    named = str(configs[0]) if configs else "simulate"
-    tasks = plan(config, sources, frames=args.frames, clips=args.clip, say=say, source=named)
-    rejected = simulate(tasks, args.out, executor=executor)
+    source = str(configs[0]) if configs else "simulate"
+    with options_named(as_flag if args.template is not None else _as_setting):
+        tasks = plan(config, sources, frames=args.frames, clips=args.clip, source=source)
+        rejected = simulate(tasks, args.out, executor=executor)
     print(f"{len(tasks) - len(rejected)} of {len(tasks)} clips stand, {len(rejected)} rejected")
     for name, reason in rejected.items():
         print(f"  {name}: {reason}")
     print(f"data set {args.out}")
     print(f"next     imgtransfer inspect {args.out}")
+
+
+def _as_setting(option: Option) -> str:
+    """An option of the garment as the configuration has it, `garment.unit: cm`; any other as a flag."""
+    key = option.name.removeprefix("garment_")
+    if key == option.name and key not in _OF_TEMPLATE:
+        return as_flag(option)
+    value = "true" if option.value is True else option.value
+    return f"`garment.{key}`" if value is None else f"`garment.{key}: {value}`"
 
 
 def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateConfig:

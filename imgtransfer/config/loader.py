@@ -17,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 from imgtransfer.config.bounded_yaml import DEEPEST, MOST_BYTES, check_bounds, load_bounded
 from imgtransfer.config.field_words import depends_on
 from imgtransfer.config.validation_messages import first_mistake
-from render import InputError
+from render import InputError, Option
 from render.files.atomic import check_regular
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -43,7 +43,7 @@ def load_config(
     """
     wanted = wanted or model.model_config.get("title") or "a YAML file of settings"
     content = {} if path is None else read_yaml(path, wanted)
-    return parse_config(model, content, "--set" if path is None else str(path), changes)
+    return parse_config(model, content, str(Option("changes") if path is None else path), changes)
 
 
 def parse_config(model: type[Model], content: Any, source: str, changes: Sequence[str] = ()) -> Model:
@@ -66,7 +66,8 @@ def parse_config(model: type[Model], content: Any, source: str, changes: Sequenc
     except ValidationError as error:
         key, text = first_mistake(error, model, content)
         changed = [change for change in changes if _concerns(change, key)]
-        raise InputError(f"{f'--set {changed[-1]}' if changed else source}: {text}") from error
+        place = f"{Option('changes')} {changed[-1]}" if changed else source
+        raise InputError(f"{place}: {text}") from error
 
 
 def to_yaml(config: BaseModel) -> str:
@@ -117,14 +118,16 @@ def with_changes(content: dict[Any, Any], changes: Sequence[str]) -> dict[Any, A
         key, equals, value = change.partition("=")
         names = key.strip().split(".")
         if not equals or not all(names) or len(names) > DEEPEST:
-            raise InputError(f"--set {change}: section.key=value is wanted, such as training.steps=100")
+            raise InputError(
+                f"{Option('changes')} {change}: section.key=value is wanted, such as training.steps=100"
+            )
         section: Any = content
         for name in names[:-1]:
             place = _place(section, name, change)
             if isinstance(section, dict) and section.get(place) is None:
                 section[place] = {}
             section = section[place]
-        section[_place(section, names[-1], change)] = load_bounded(value, f"--set {change}")
+        section[_place(section, names[-1], change)] = load_bounded(value, f"{Option('changes')} {change}")
     return content
 
 
@@ -133,11 +136,13 @@ def _place(section: Any, name: str, change: str) -> str | int:
     if isinstance(section, dict):
         return name
     if not isinstance(section, list):
-        raise InputError(f"--set {change}: {name} is wanted of {shortened(section)}, which is not a section")
+        raise InputError(
+            f"{Option('changes')} {change}: {name} is wanted of {shortened(section)}, which is not a section"
+        )
     if name.isdecimal() and len(name) < 10 and int(name) < len(section):
         return int(name)
     raise InputError(
-        f"--set {change}: there are {len(section)} items, counted from 0, and no {name} among them"
+        f"{Option('changes')} {change}: there are {len(section)} items, counted from 0, and no {name} among them"
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,6 +19,8 @@ from render.files.obj import textures
 from render.mesh.mesh import check_finite
 from render.mesh.surface import Surface, plain_surface
 
+_log = logging.getLogger(__name__)
+
 MeshKind = Literal["obj", "ply"]
 LIBRARY = "materials.mtl"
 
@@ -26,8 +28,8 @@ LIBRARY = "materials.mtl"
 class MeshFrames:
     """Writes a moving mesh into a folder as one file a frame, `<name>_0000.obj` and so on, some frames at a time.
 
-    Textures that can be found are copied beside the files, and named by their bare names; the others are named on
-    stderr.
+    Textures that can be found are copied beside the files, and named by their bare names; the others are named in
+    the log.
 
     Args:
         folder: is there already, and keeps what it holds.
@@ -49,10 +51,10 @@ class MeshFrames:
             mtl, missing = bring_textures(surface.mtl, folder)
             surface = replace(surface, mtl=mtl)
             if missing:
-                print(
-                    f"note: textures of {one_line(template.source)} that are no images here: "
-                    f"{one_line(', '.join(missing))}; put them beside the written files",
-                    file=sys.stderr,
+                _log.warning(
+                    "note: textures of %s that are no images here: %s; put them beside the written files",
+                    one_line(template.source),
+                    one_line(", ".join(missing)),
                 )
         self._surface = surface
         self._writer = _Obj(surface) if kind == "obj" else _Ply(surface)

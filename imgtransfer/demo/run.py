@@ -6,6 +6,7 @@ The shipped checkpoint's results come first, within a minute; then a training of
 from __future__ import annotations
 
 import json
+import logging
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -30,6 +31,8 @@ from imgtransfer.training.log import LOG_FILE
 from render import write_png
 from render.files.atomic import written_whole
 from render.threads import one_blas_thread
+
+_log = logging.getLogger(__name__)
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLE_DATA = PROJECT / "configs" / "sample_data" / "tshirt.zarr.zip"
@@ -63,7 +66,7 @@ def run_demo(out: Path, config: RunConfig, pretrained: Path, length: Length | No
     _deform(cases, longer, PRETRAINED)
     for case in cases:
         case.vertices["fused_pretrained"] = case.maps[PRETRAINED].fused
-    print(f"\nFirst results: {_report(out, cases, finished=False)[1]}", file=sys.stderr, flush=True)
+    _log.info("\nFirst results: %s", _report(out, cases, finished=False)[1])
     with _step("Training from scratch"):
         model = load_model(trained(out, config, length or Length()))
     _deform(cases, model, TRAINED)
@@ -120,7 +123,7 @@ def _page(out: Path, cases: Sequence[Case], overall: Metrics, finished: bool) ->
 
 @contextmanager
 def _step(title: str) -> Iterator[None]:
-    print(f"\n{title} ...", file=sys.stderr, flush=True)
+    _log.info("\n%s ...", title)
     started = time.monotonic()
     yield
-    print(f"{title}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
+    _log.info("%s: %.0f s", title, time.monotonic() - started)

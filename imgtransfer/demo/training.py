@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
+import logging
 import shutil
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-
-from tqdm import tqdm
 
 from imgtransfer.config.loader import load_config
 from imgtransfer.training.checkpoint import STATE_FILE, STATE_FORMAT, read_tensors
@@ -18,8 +16,10 @@ from imgtransfer.training.loop import train
 from imgtransfer.training.remaining import duration, say_remaining
 from imgtransfer.training.run_folder import CONFIG_FILE, may_go_on, only_trainer
 from imgtransfer.training.trainer import Trainer
-from render import InputError
+from render import InputError, Option
 from render.files.atomic import written_whole
+
+_log = logging.getLogger(__name__)
 
 LONG_MINUTES = 15.0  # from here on a shorter training is offered
 _WARM_UP, _TIMED = 2, 4  # steps
@@ -39,11 +39,11 @@ class Length:
 
     def __post_init__(self) -> None:
         if self.steps is not None and self.minutes is not None:
-            raise InputError("--steps and --minutes say the same; give one of them")
+            raise InputError(f"{Option('steps')} and {Option('minutes')} say the same; give one of them")
         if self.steps is not None and self.steps < 1:
-            raise InputError(f"--steps {self.steps}: a whole number from 1 on is wanted")
+            raise InputError(f"{Option('steps')} {self.steps}: a whole number from 1 on is wanted")
         if self.minutes is not None and not 0 < self.minutes < 1e6:
-            raise InputError(f"--minutes {self.minutes}: a number of minutes above 0 is wanted")
+            raise InputError(f"{Option('minutes')} {self.minutes}: a number of minutes above 0 is wanted")
 
 
 def trained(out: Path, config: RunConfig, length: Length) -> Path:
@@ -63,7 +63,7 @@ def trained(out: Path, config: RunConfig, length: Length) -> Path:
     folder = out / "run"
     config = _with_length(out, config, length)
     if folder.exists() and not _goes_on(folder, config):
-        print(f"The run in {folder} had other settings; starting a new one", file=sys.stderr)
+        _log.info("The run in %s had other settings; starting a new one", folder)
         with only_trainer(folder):
             shutil.rmtree(folder)
     return train(config, folder, resume=folder.exists(), tell=_tell)
@@ -80,7 +80,7 @@ def _goes_on(folder: Path, config: RunConfig) -> bool:
 def _tell(seconds: float) -> None:
     say_remaining(seconds)
     if seconds > 60 * LONG_MINUTES:
-        tqdm.write("for a shorter one: Ctrl-C, then   scripts/demo --minutes 10", file=sys.stderr)
+        _log.info("for a shorter one: Ctrl-C, then   scripts/demo --minutes 10")
 
 
 def _with_length(out: Path, config: RunConfig, length: Length) -> RunConfig:
@@ -111,7 +111,7 @@ def _steps_in(out: Path, config: RunConfig, minutes: float) -> int:
         trainer.train_step()
     seconds = (time.perf_counter() - started) / _TIMED
     steps = max(1, int(60 * minutes * _RESERVE / seconds))
-    print(f"{steps} steps of {seconds:.2f} s fit into {duration(60 * minutes)}", file=sys.stderr)
+    _log.info("%d steps of %.2f s fit into %s", steps, seconds, duration(60 * minutes))
     with written_whole(path) as temporary:
         temporary.write_text(json.dumps({"minutes": minutes, "steps": steps}) + "\n")
     return steps

@@ -26,9 +26,8 @@ from imgtransfer.garments.lower import lower_field, lower_garment, waistband
 from imgtransfer.garments.refit import refitted
 from imgtransfer.garments.upper import upper_field, upper_garment
 from imgtransfer.importers.checks.axes import Axes
-from imgtransfer.importers.checks.findings import Say
-from imgtransfer.importers.checks.template import as_setting, load_template
-from render import InputError
+from imgtransfer.importers.checks.template import load_template
+from render import InputError, Option
 from render.mesh.mesh import Mesh
 from render.threads import one_blas_thread
 
@@ -122,14 +121,13 @@ def _field(figure: Figure, config: MadeConfig) -> Field:
 
 
 def template_garment(
-    body: Mesh, config: TemplateConfig, *, body_axes: Axes | None = None, say: Say = as_setting
+    body: Mesh, config: TemplateConfig, *, body_axes: Axes | None = None
 ) -> tuple[Garment, list[str]]:
     """The user's mesh, in our axes and units, welded if asked for, checked against the body that shall wear it.
 
     Args:
         body: at rest; its `source` is what messages call it.
         body_axes: how the body's file lay, where it came from one.
-        say: how messages name a setting of the garment and its value.
 
     Returns:
         The garment; and what is odd about it but no obstacle, one text each.
@@ -145,14 +143,13 @@ def template_garment(
         body_axes=body_axes,
         welding=config.weld,
         anyway=config.anyway,
-        say=say,
     )
     loops = {f"opening {number}": loop for number, loop in enumerate(border_loops(mesh.faces), 1)}
     pinned = _NONE
     if config.pinned:
         if not loops:
             raise InputError(
-                f"{config.path}: the mesh has no opening that could be a waistband; leave out {say('pinned', '')}"
+                f"{config.path}: the mesh has no opening that could be a waistband; leave out {Option('pinned')}"
             )
         pinned = np.sort(max(loops.values(), key=lambda loop: mesh.vertices[loop, 1].mean()))
     return Garment(config.title, mesh, loops, pinned), notes

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from imgtransfer.importers.files import check_shape, load_arrays
 from imgtransfer.importers.pickles.smpl_models import load_model_pickle
-from render import InputError
+from render import InputError, Option
 from render.mesh.mesh import check_faces
 
 KEYS = ("v_template", "shapedirs", "posedirs", "J_regressor", "weights", "kintree_table", "f")
@@ -31,10 +31,7 @@ _NAMES = {
     "male": ("SMPL_MALE", "basicmodel_m_lbs_10_207_0_v1.0.0", "basicmodel_m_lbs_10_207_0_v1.1.0", "model_m"),
     "neutral": ("SMPL_NEUTRAL", "basicmodel_neutral_lbs_10_207_0_v1.1.0", "model_n"),
 }
-GET = (
-    "register at https://smpl.is.tue.mpg.de, download SMPL for Python (version 1.0.0 or 1.1.0), unpack it, and "
-    "give the folder with its .pkl files by --smpl FOLDER"
-)
+GET = "register at https://smpl.is.tue.mpg.de, download SMPL for Python (version 1.0.0 or 1.1.0), unpack it, and"
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +147,10 @@ def find_smpl(place: Path | None, gender: str, *, needed_by: str) -> Path:
         InputError: nothing given, or no file of a known name; the message says what to get and where to put it.
     """
     if gender not in GENDERS:
-        raise InputError(f"--gender {gender}: one of {', '.join(GENDERS)} is wanted")
+        raise InputError(f"{Option('gender')} {gender}: one of {', '.join(GENDERS)} is wanted")
+    to_get = f"{GET} give the folder with its .pkl files by {Option('smpl')} FOLDER"
     if place is None:
-        raise InputError(f"{needed_by}: holds SMPL motion but no bodies; {GET}")
+        raise InputError(f"{needed_by}: holds SMPL motion but no bodies; {to_get}")
     if place.is_file():
         return place
     names = [f"{name}{suffix}" for name in _NAMES[gender] for suffix in (".npz", ".pkl")]
@@ -162,5 +160,5 @@ def find_smpl(place: Path | None, gender: str, *, needed_by: str) -> Path:
             if (folder / name).is_file():
                 return folder / name
     raise InputError(
-        f"--smpl {place}: no SMPL model of a {gender} body in it ({names[0]}, {names[3]} ...); {GET}"
+        f"{Option('smpl')} {place}: no SMPL model of a {gender} body in it ({names[0]}, {names[3]} ...); {to_get}"
     )

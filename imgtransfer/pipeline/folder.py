@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from render import InputError
+from render import InputError, Option
 from render.files.temporaries import clear, put_back
 
 METHODS = ("fused", "position_only")  # of vertices, the better first; each a clip npz METHOD.npz
@@ -48,7 +48,8 @@ def predicted_clips(path: Path) -> list[Path]:
     """
     clear(path)
     if not path.is_dir():
-        hint = "; for a map file of another program give --maps FILE --out DIR" if path.is_file() else ""
+        single = f"; for a map file of another program give {Option('maps')} FILE {Option('out')} DIR"
+        hint = single if path.is_file() else ""
         raise InputError(f"{path}: no such folder; what `imgtransfer predict` wrote is wanted{hint}")
     put_back(path, holding=MAPS_FILE)
     clips = [folder for folder in folders_in(path) if (folder / MAPS_FILE).is_file()]
@@ -60,13 +61,15 @@ def predicted_clips(path: Path) -> list[Path]:
     return clips
 
 
-def check_replaceable(folder: Path, option: str) -> None:
-    """Refuse to replace a folder that holds anything but earlier results; `option` is how the user named it.
+def check_replaceable(folder: Path) -> None:
+    """Refuse to replace a folder for results that holds anything but earlier results.
 
     Raises:
         InputError: it is a file, or holds other files.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{option} {folder}: is a file; name a folder")
+        raise InputError(f"{Option('out')} {folder}: is a file; name a folder")
     if folder.exists() and any(entry.name not in WRITTEN for entry in folder.iterdir()):
-        raise InputError(f"{option} {folder}: holds other files, which would be lost; name another folder")
+        raise InputError(
+            f"{Option('out')} {folder}: holds other files, which would be lost; name another folder"
+        )

@@ -30,7 +30,7 @@ from imgtransfer.data.reader import Reader
 from imgtransfer.pipeline.folder import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REPORT_FILE
 from imgtransfer.pipeline.pins import Pins
 from imgtransfer.running.fingerprint import MADE
-from render import InputError, MapFile, Mesh, MeshSequence, write_png
+from render import InputError, MapFile, Mesh, MeshSequence, Option, write_png
 from render.files.atomic import written_whole
 from render.files.npz_writer import NpzWriter
 from render.maps.map_file import Maps
@@ -111,7 +111,7 @@ def fuse_into(
         moving = getattr(inputs, name)
         if moving is not None and moving.n_frames != maps.n_frames:
             raise InputError(
-                f"--{name}: {maps.n_frames} frames are wanted, as the maps have {maps.n_frames}; "
+                f"{Option(name)}: {maps.n_frames} frames are wanted, as the maps have {maps.n_frames}; "
                 f"found {moving.n_frames}"
             )
     stream = _Stream(maps, inputs)
@@ -193,9 +193,9 @@ class _Stream:
             yield (
                 maps,
                 FusionInputs(
-                    initial=None if initial is None else _canonical(initial, frames, "--initial", first),
-                    body=_surface(inputs.body, body, frames, "--body", first),
-                    inner=_surface(inputs.inner, inner, frames, "--inner", first),
+                    initial=None if initial is None else _canonical(initial, frames, "initial", first),
+                    body=_surface(inputs.body, body, frames, "body", first),
+                    inner=_surface(inputs.inner, inner, frames, "inner", first),
                     pins=self._pinned(frames, first, maps.n_frames),
                 ),
             )

@@ -23,7 +23,7 @@ from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions, fuse_into
 from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker
 from imgtransfer.running.fingerprint import files_fingerprint, fingerprint
-from render import InputError, open_maps
+from render import InputError, Option, open_maps
 
 _TOGETHER = 32  # frames of a result that are read together
 
@@ -70,7 +70,7 @@ def fuse_clip(task: FuseTask) -> str:
     if drawn and not task.overwrite and clip_stands(target, made):
         if task.meshes:
             _write_meshes(target, folder / MESHES_FOLDER, task.meshes)
-        return f"{folder}  fused with these settings already; --overwrite does it again"
+        return f"{folder}  fused with these settings already; {Option('overwrite', True)} does it again"
     body = folder / POSITION_ONLY_FILE
     report = fuse_file(
         folder / MAPS_FILE,

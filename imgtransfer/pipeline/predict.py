@@ -20,7 +20,7 @@ from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker
 from imgtransfer.running.fingerprint import MADE, fingerprint
 from imgtransfer.training.checkpoint import load_model
-from render import MapFile, written_maps
+from render import MapFile, Option, written_maps
 from render.files.atomic import written_whole_folder
 
 _TOGETHER = 32  # frames whose fingerprint is taken together; another number would give another fingerprint
@@ -61,7 +61,7 @@ def predict_clip(task: PredictTask) -> str:
     made = _fingerprint(reader, task.mark)
     whole = (task.folder / MAPS_FILE).is_file()
     if whole and not task.overwrite and clip_stands(task.folder / POSITION_ONLY_FILE, made):
-        return f"{task.folder}  predicted by this model already; --overwrite does it again"
+        return f"{task.folder}  predicted by this model already; {Option('overwrite', True)} does it again"
     hidden = True if in_worker() else None
     batches = -(-reader.n_frames // FRAMES_AT_ONCE)
     bar = partial(tqdm, total=batches, desc=reader.name, unit="batch", leave=False, disable=hidden)

@@ -12,7 +12,7 @@ import torch
 
 from imgtransfer.pipeline.scene import Scene
 from imgtransfer.report.map_pictures import difference_sheet, frames_sheet, template_sheet
-from render import InputError, MapFile, PositionBox, TemplateImager, write_png, written_maps
+from render import InputError, MapFile, Option, PositionBox, TemplateImager, write_png, written_maps
 from render.files.atomic import written_whole_folder
 from render.pictures import map_sheet
 from render.views import ViewsSpec
@@ -172,10 +172,11 @@ def _distances(scene: Scene, against: Scene) -> dict[str, np.ndarray]:
             moved.mesh.faces, other.mesh.faces
         ):
             raise InputError(
-                f"--against {against.name}: its {name} has {other.n_frames} frames of {len(other.mesh.vertices)} "
-                f"vertices, or other triangles; {scene.name} has {moved.n_frames} of {len(moved.mesh.vertices)}"
+                f"{Option('against')} {against.name}: its {name} has {other.n_frames} frames of "
+                f"{len(other.mesh.vertices)} vertices, or other triangles; {scene.name} has {moved.n_frames} of "
+                f"{len(moved.mesh.vertices)}"
             )
         found[name] = 1000 * np.linalg.norm(moved.vertices() - other.vertices(), axis=-1).astype(np.float32)
     if not found:
-        raise InputError(f"--against {against.name}: it has none of {', '.join(scene.meshes)}")
+        raise InputError(f"{Option('against')} {against.name}: it has none of {', '.join(scene.meshes)}")
     return found

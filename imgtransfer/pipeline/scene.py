@@ -13,7 +13,7 @@ from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.data.sequences import Kind
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
-from render import InputError, Mesh, MeshSequence
+from render import InputError, Mesh, MeshSequence, Option
 from render.files.frame_files import is_pattern
 
 
@@ -95,10 +95,14 @@ def mesh_scene(
     garment = _read(frames, "garment", garment_axes or axes, template, welding=welding)
     name = template.stem if frames.is_dir() or is_pattern(frames) else frames.stem
     if (body_template is None) != (body is None):
-        raise InputError("--body and --body-template belong together: the body in motion, and at rest")
+        raise InputError(
+            f"{Option('body')} and {Option('body_template')} belong together: the body in motion, and at rest"
+        )
     if body_template is None or body is None:
         if root is not None:
-            raise InputError(f"--root {root}: there is no body to find the root's motion of; give --body")
+            raise InputError(
+                f"{Option('root')} {root}: there is no body to find the root's motion of; give {Option('body')}"
+            )
         count = garment.n_frames
         still = RootFrames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
         return Scene(name, garment.mesh, {"garment": garment}, still, fps, range(count))

@@ -16,7 +16,7 @@ import torch
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.report.glb_look import Seamed, cut_at_seams, material, mime_type
-from render import InputError
+from render import InputError, Option
 from render.files.atomic import written_whole
 from render.mesh.normals import vertex_normals
 from render.mesh.surface import Surface
@@ -56,7 +56,7 @@ def animated_glb(path: str | Path, clip: Clip, *, step: int = 1) -> Path:
     if size > _MOST_BYTES:
         raise InputError(
             f"{path}: {len(frames)} frames of {n_vertices} vertices are {size / 2**30:.1f} GiB, and a GLB holds 4 at "
-            "most; take fewer with --step"
+            f"most; take fewer with {Option('step')}"
         )
     document = _Document()
     for name, (vertices, faces) in meshes.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,6 +11,8 @@ import numpy as np
 from imgtransfer.training.log import read_entries
 from render import InputError
 from render.files.atomic import check_regular
+
+_log = logging.getLogger(__name__)
 
 Curves = dict[str, tuple[list[float], list[float]]]
 
@@ -35,7 +37,7 @@ def read_curves(path: str | Path, keys: Mapping[str, str], *, points: int = 150)
     if unreadable and not entries:
         raise InputError(f"{path}: not a training log of JSON lines with a step each")
     if unreadable:
-        print(f"note: {path}: {unreadable} damaged lines are left out", file=sys.stderr)
+        _log.warning("note: %s: %d damaged lines are left out", path, unreadable)
     curves: Curves = {}
     for key, name in keys.items():
         pairs = [

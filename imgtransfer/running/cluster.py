@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from imgtransfer.running.extras import optional
 from imgtransfer.running.task import WORKER_VARIABLE, Outcome, attempt, call_packed, pack
-from render import InputError
+from render import InputError, Option
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -47,7 +47,9 @@ class Cluster:
                 ray.init(address=self.address, log_to_driver=False, logging_level="warning")
             except (ConnectionError, ValueError, RuntimeError, OSError) as error:
                 reason = " ".join(str(error).split())
-                raise InputError(f"--ray {self.address}: no Ray cluster answers there ({reason})") from error
+                raise InputError(
+                    f"{Option('ray')} {self.address}: no Ray cluster answers there ({reason})"
+                ) from error
             if threading.current_thread() is threading.main_thread():
                 signal.signal(
                     signal.SIGTERM, at_sigterm
@@ -82,11 +84,13 @@ class Cluster:
         try:
             socket.create_connection((host.strip("[]"), int(port)), timeout=_PATIENCE).close()
         except (OSError, ValueError, OverflowError) as error:
-            raise InputError(f"--ray {self.address}: no Ray cluster answers there ({error})") from error
+            raise InputError(
+                f"{Option('ray')} {self.address}: no Ray cluster answers there ({error})"
+            ) from error
 
 
 def _ray() -> Any:
-    return optional("ray", "cluster", "--ray")
+    return optional("ray", "cluster", str(Option("ray")))
 
 
 def _attempt(packed: bytes, index: int) -> Outcome[Any]:

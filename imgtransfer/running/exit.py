@@ -7,20 +7,23 @@ import sys
 from collections.abc import Callable
 
 from imgtransfer.running.memory import shortage
+from imgtransfer.running.messages import as_flag, notes_on_stderr
 from imgtransfer.running.stopping import Terminated, sigterm_as_interrupt
 from render import InputError
 from render.errors import one_line
+from render.options import options_named
 
 
 def exit_status(run: Callable[[], object], *, program: str, stopped: str) -> int:
-    """Call `run`, and turn what a user can mend into one line on stderr that starts with `program`.
+    """Call `run`, and turn what a user can mend into one line on stderr that starts with `program`; options are flags
+    in it, and what the library logs are lines before it.
 
     Returns:
         0 done, 2 input that the user can mend, or a machine that is too small for it; after saying `stopped`,
         130 for Ctrl-C and 143 for SIGTERM.
     """
     try:
-        with sigterm_as_interrupt():
+        with sigterm_as_interrupt(), options_named(as_flag), notes_on_stderr():
             run()
     except InputError as error:
         print(f"{program}: error: {error}", file=sys.stderr)

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from imgtransfer.running.cluster import Cluster
 from imgtransfer.running.pool import Pool
 from imgtransfer.running.task import Executor, Serial
-from render import InputError
+from render import InputError, Option
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -43,9 +43,11 @@ class Run(Generic[R]):
         total = len(self.values) + len(self.failures)
         if total == 1:
             raise InputError(next(iter(self.failures.values())))
-        print(f"failed, {len(self.failures)} of {total}:")
+        tqdm.write(
+            f"failed, {len(self.failures)} of {total}:"
+        )  # on stdout, as what `run_tasks` says of each task
         for name, reason in self.failures.items():
-            print(f"  {name}: {reason}")
+            tqdm.write(f"  {name}: {reason}")
         first = next(iter(self.failures.items()))
         raise InputError(
             f"{len(self.failures)} of {total} {unit}s failed, listed above; the same command tries them again; "
@@ -54,16 +56,18 @@ class Run(Generic[R]):
 
 
 def executor_for(*, workers: int = 1, ray: str | None = None) -> Executor:
-    """The executor that --workers and --ray ask for.
+    """Where tasks are done: here, in so many processes, or on a Ray cluster.
 
     Raises:
         InputError: fewer than one worker, more than any machine has cores, or both.
     """
     if not 1 <= workers <= MOST_WORKERS:
-        raise InputError(f"--workers {workers}: a whole number from 1 to {MOST_WORKERS} is wanted")
+        raise InputError(f"{Option('workers')} {workers}: a whole number from 1 to {MOST_WORKERS} is wanted")
     if ray is not None:
         if workers != 1:
-            raise InputError("--workers is for this machine, --ray for a cluster; give one of them")
+            raise InputError(
+                f"{Option('workers')} is for this machine, {Option('ray')} for a cluster; give one of them"
+            )
         return Cluster(ray)
     return Pool(workers) if workers > 1 else Serial()
 

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 from imgtransfer.running.memory import shortage
+from imgtransfer.running.messages import notes_on_stderr
 from render import InputError
+from render.options import current_naming, options_named
 from render.threads import one_blas_thread
 
 T = TypeVar("T")
@@ -78,13 +80,14 @@ def attempt(function: Callable[[T], R], task: T, index: int) -> Outcome[R]:
 
 def pack(function: Callable[[T], R], task: T) -> bytes:
     """A call for another process. Pickled here, because Ray would hand over arrays that cannot be written to."""
-    return pickle.dumps((function, task))
+    return pickle.dumps((function, task, current_naming()))
 
 
 def call_packed(packed: bytes) -> Any:
     """What `pack` put in, called; only for bytes of our own parent process."""
-    function, task = pickle.loads(packed)
-    return function(task)
+    function, task, naming = pickle.loads(packed)
+    with options_named(naming), notes_on_stderr():
+        return function(task)
 
 
 def in_worker() -> bool:

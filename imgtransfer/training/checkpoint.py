@@ -16,7 +16,7 @@ from torch import Tensor
 
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
 from imgtransfer.network.memory import least_weights
-from render import InputError, Mesh, PositionBox
+from render import InputError, Mesh, Option, PositionBox
 from render.errors import said_by
 from render.files.atomic import check_regular, written_whole
 from render.mesh.mesh import check_finite
@@ -176,7 +176,8 @@ def optimizer_state(
     shapes = {number: {name: value.shape for name, value in its.items()} for number, its in state.items()}
     if bool(shapes) != begun or not shapes.items() <= wanted.items():
         raise InputError(
-            f"{path}: damaged, its optimiser's state does not fit the model; choose another --out for a new run"
+            f"{path}: damaged, its optimiser's state does not fit the model; choose another {Option('out')} for a new "
+            "run"
         )
     return state
 

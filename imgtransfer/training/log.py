@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import errno
 import json
+import logging
 import math
 import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from render.files.atomic import check_regular, errors_naming, written_whole
+
+_log = logging.getLogger(__name__)
 
 LOG_FILE = "log.jsonl"
 
@@ -67,6 +69,6 @@ def _trim(path: Path, step: int) -> None:
     entries, unreadable = read_entries(path)
     kept = {entry["step"]: entry for entry in reversed(entries) if 0 < step >= entry["step"]}
     if unreadable and step > 0:
-        print(f"note: {path}: {unreadable} damaged lines are dropped", file=sys.stderr)
+        _log.warning("note: %s: %d damaged lines are dropped", path, unreadable)
     with written_whole(path) as temporary:
         temporary.write_text("".join(f"{json.dumps(entry)}\n" for entry in reversed(kept.values())))

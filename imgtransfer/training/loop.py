@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Callable
@@ -18,9 +19,11 @@ from imgtransfer.training.log import LOG_FILE, log_from
 from imgtransfer.training.remaining import Remaining, say_remaining
 from imgtransfer.training.run_folder import CONFIG_FILE, check_steps, only_trainer, state_to_resume
 from imgtransfer.training.trainer import Trainer
-from render import InputError
+from render import InputError, Option
 from render.files.atomic import written_whole
 from render.threads import one_blas_thread
+
+_log = logging.getLogger(__name__)
 
 SAVE_SECONDS = 600.0  # between checkpoints at most: a slow machine reaches its first only after long
 
@@ -49,7 +52,7 @@ def train(
         KeyboardInterrupt: after Ctrl-C or SIGTERM (`Terminated`), once the state is saved.
     """
     if resume and not out.is_dir():
-        raise InputError(f"{out}: no run to resume there; leave out --resume to start one")
+        raise InputError(f"{out}: no run to resume there; leave out {Option('resume')} to start one")
     with only_trainer(out):
         resumed = state_to_resume(out, config, resume=resume)
         trainer = Trainer(config)
@@ -58,7 +61,7 @@ def train(
             check_steps(out, config, trainer.step)
         with written_whole(out / CONFIG_FILE) as temporary:
             temporary.write_text(to_yaml(config))
-        print(trainer.precision, file=sys.stderr)
+        _log.info("%s", trainer.precision)
         _steps(trainer, out, tell)
     return out / MODEL_FILE
 
@@ -98,5 +101,7 @@ def _steps(trainer: Trainer, out: Path, tell: Callable[[float], None]) -> None:
         if saved_step != trainer.step:  # the end, or a stop, perhaps before the first step
             trainer.save(out)
     if trainer.step < options.steps:
-        print(f"stopped after step {trainer.step}; the same command with --resume goes on", file=sys.stderr)
+        _log.info(
+            "stopped after step %d; the same command with %s goes on", trainer.step, Option("resume", True)
+        )
         raise stop.error()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from tqdm import tqdm
+_log = logging.getLogger(__name__)
 
 _FIRST, _MEASURED = 2, 4  # steps that warm up, and steps that are timed
 
@@ -38,8 +38,8 @@ class Remaining:
 
 
 def say_remaining(seconds: float) -> None:
-    """Print the time on stderr, above a bar that is there."""
-    tqdm.write(f"training takes about {duration(seconds)} on this machine", file=sys.stderr)
+    """Log the time."""
+    _log.info("training takes about %s on this machine", duration(seconds))
 
 
 def duration(seconds: float) -> str:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from fcntl import LOCK_EX, LOCK_NB, flock
@@ -15,7 +15,9 @@ from imgtransfer.config.loader import load_config
 from imgtransfer.training.checkpoint import MODEL_FILE, STATE_FILE
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.trainer import learning_rate
-from render import InputError
+from render import InputError, Option
+
+_log = logging.getLogger(__name__)
 
 CONFIG_FILE = "config.yaml"
 LOCK_FILE = ".lock"  # while a process trains there
@@ -66,7 +68,7 @@ def _locked(path: Path, out: Path) -> int:
             holder = os.read(handle, 200).decode(errors="replace") or "another process"
             os.close(handle)
             raise InputError(
-                f"{out}: {holder} is training there; wait for it, stop it, or choose another --out"
+                f"{out}: {holder} is training there; wait for it, stop it, or choose another {Option('out')}"
             ) from error
         except OSError:  # a file system without locks
             return handle
@@ -88,14 +90,15 @@ def state_to_resume(out: Path, config: RunConfig, *, resume: bool) -> bool:
     if not resume:
         if saved:
             raise InputError(
-                f"{out}: holds a run already; add --resume to go on with it, or choose another --out"
+                f"{out}: holds a run already; add {Option('resume', True)} to go on with it, or choose another "
+                f"{Option('out')}"
             )
         if begun:
             _note(f"{out}: the run there was stopped before it saved anything; it begins anew")
         return False
     if saved and not begun:
         raise InputError(
-            f"{out}: cannot resume, {CONFIG_FILE} is missing; choose another --out for a new run"
+            f"{out}: cannot resume, {CONFIG_FILE} is missing; choose another {Option('out')} for a new run"
         )
     if STATE_FILE in saved:
         _check_same(out, config)
@@ -103,10 +106,12 @@ def state_to_resume(out: Path, config: RunConfig, *, resume: bool) -> bool:
     if saved:
         raise InputError(
             f"{out / STATE_FILE}: missing, so that the run cannot go on, though {MODEL_FILE} is there; choose another "
-            "--out for a new run"
+            f"{Option('out')} for a new run"
         )
     if not begun and any(entry.name != LOCK_FILE for entry in out.iterdir()):
-        raise InputError(f"{out}: no run to resume there (no {CONFIG_FILE}); leave out --resume to start one")
+        raise InputError(
+            f"{out}: no run to resume there (no {CONFIG_FILE}); leave out {Option('resume')} to start one"
+        )
     _note(f"{out}: nothing was saved there yet; the run begins at step 0")
     return False
 
@@ -117,7 +122,7 @@ def _check_same(out: Path, config: RunConfig) -> None:
     for key, text in changed.items():
         if key not in FREE_ON_RESUME:
             raise InputError(
-                f"{out}: cannot resume, {text}; set it back, or start a new run with another --out"
+                f"{out}: cannot resume, {text}; set it back, or start a new run with another {Option('out')}"
             )
     if changed:
         _note(f"{out}: " + ", ".join(changed.values()))
@@ -159,4 +164,4 @@ def _flat(config: RunConfig) -> dict[str, Any]:
 
 
 def _note(text: str) -> None:
-    print(f"note: {text}", file=sys.stderr)
+    _log.warning("note: %s", text)

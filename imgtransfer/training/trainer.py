@@ -28,7 +28,7 @@ from imgtransfer.training.config import ClipChoice, RunConfig, TrainingConfig
 from imgtransfer.training.mirror import Mirror
 from imgtransfer.training.precision import Workload, bfloat16_ratio, choose_precision
 from imgtransfer.training.sampler import Frames
-from render import InputError, Mesh, PositionBox
+from render import InputError, Mesh, Option, PositionBox
 
 VALIDATION_BATCH = 16
 CALIBRATION_FRAMES = 64
@@ -185,10 +185,12 @@ class Trainer:
         tensors, header = read_tensors(path, STATE_FORMAT)
         step, box = header.get("step"), {key: header.get(key) for key in self._box()}
         if not isinstance(step, int) or isinstance(step, bool) or step < 0:
-            raise InputError(f"{path}: damaged, its step is {step!r}; choose another --out for a new run")
+            raise InputError(
+                f"{path}: damaged, its step is {step!r}; choose another {Option('out')} for a new run"
+            )
         if box != self._box():
             raise InputError(
-                f"{path}: the training data have changed since; start a new run with another --out"
+                f"{path}: the training data have changed since; start a new run with another {Option('out')}"
             )
         load_weights(self.model, tensors, path)
         state = optimizer_state(tensors, list(self.model.parameters()), path, begun=step > 0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from render import InputError, Mesh, MeshSequence
+from render import InputError, Mesh, MeshSequence, Option
 from render.mesh.mesh import check_finite
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "dm": 0.1, "in": 0.0254, "ft": 0.3048}  # metres; likeliest first
@@ -33,14 +33,15 @@ class Axes:
     scale: float = 1.0
 
     def __post_init__(self) -> None:
-        for option, axis in (("--up", self.up), ("--facing", self.facing)):
+        for name, axis in (("up", self.up), ("facing", self.facing)):
             if axis not in AXES:
-                raise InputError(f"{option}={axis}: one of {', '.join(AXES)} is wanted")
+                raise InputError(f"{Option(name, axis)}: one of {', '.join(AXES)} is wanted")
         if self.up[-1] == self.facing[-1]:
-            raise InputError(f"--up={self.up} --facing={self.facing}: the two must be different axes")
+            raise InputError(f"{self}: the two must be different axes")
         if not 1e-6 <= self.scale <= 1e6:
             raise InputError(
-                f"--scale={self.scale}: a positive number of metres a unit is wanted, from a micrometre to 1000 km"
+                f"{Option('scale', self.scale)}: a positive number of metres a unit is wanted, from a micrometre to "
+                "1000 km"
             )
 
     @property
@@ -72,7 +73,7 @@ class Axes:
         return sequence.mapped(in_metres, self.of_mesh(sequence.mesh))
 
     def __str__(self) -> str:
-        return f"--up={self.up} --facing={self.facing}"
+        return f"{Option('up', self.up)} {Option('facing', self.facing)}"
 
 
 def usual_facing(up: str) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from render import InputError
+from render import InputError, Option
 
 FaultKind = Literal["unit", "axes", "apart", "inside", "inside_out", "seams", "pieces", "unused", "edges"]
-Say = Callable[[str, str], str]  # an option's name and value -> what messages call it
 
 
 @dataclass(frozen=True)
@@ -21,18 +20,12 @@ class MeshFault:
     severe: bool
 
 
-def as_flag(name: str, value: str) -> str:
-    """An option as the command line has it; those without a value are switches."""
-    return f"--{name}={value}" if value else f"--{name}"
-
-
-def refuse(
-    findings: Sequence[MeshFault], *, anyway: bool = False, hint: str = " (--anyway goes on all the same)"
-) -> list[str]:
+def refuse(findings: Sequence[MeshFault], *, anyway: bool = False) -> list[str]:
     """Stop at severe findings.
 
     Args:
-        anyway: go on all the same. hint: what the message ends with.
+        findings: of the checks.
+        anyway: go on all the same.
 
     Returns:
         The texts of what does not stop the work, for the user to read.
@@ -42,5 +35,5 @@ def refuse(
     """
     severe = [] if anyway else [finding.text for finding in findings if finding.severe]
     if severe:
-        raise InputError(f"{'; '.join(severe)}{hint}")
+        raise InputError(f"{'; '.join(severe)} ({Option('anyway', True)} goes on all the same)")
     return [finding.text for finding in findings]

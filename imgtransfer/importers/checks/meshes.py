@@ -9,9 +9,9 @@ import torch
 
 from fusion import BodySdf
 from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, guess_axes, likely_unit
-from imgtransfer.importers.checks.findings import MeshFault, Say, as_flag
+from imgtransfer.importers.checks.findings import MeshFault
 from imgtransfer.importers.checks.topology import check_topology
-from render import Mesh, vertex_normals
+from render import Mesh, Option, vertex_normals
 from render.mesh.measures import volume
 
 DEEP = 0.005  # metres inside the body from which on a garment cannot be worn as it is
@@ -24,7 +24,6 @@ def check_template(
     given: Axes | None = None,
     garment_given: Axes | None = None,
     welding: bool = False,
-    say: Say = as_flag,
 ) -> list[MeshFault]:
     """Check a garment and the body that it is to be worn by, both in the rest pose.
 
@@ -35,28 +34,27 @@ def check_template(
             it was taken as it is.
         garment_given: likewise the garment's file; None where it was turned as the body's.
         welding: whether seams will be welded, so that they are no fault.
-        say: how messages name an option and its value.
 
     Returns:
         What is wrong, the most basic first; the place of the garment is looked at only where size and axes fit.
     """
     given = given or Axes()
     garment_given = garment_given or given
-    found = [*_size(garment, body, given, garment_given, say), *_axes(body, given)]
+    found = [*_size(garment, body, given, garment_given), *_axes(body, given)]
     if not found:
-        found += _place(garment, body, garment_given, say)
-    return found + check_topology(garment, welding=welding, say=say)
+        found += _place(garment, body, garment_given)
+    return found + check_topology(garment, welding=welding)
 
 
-def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes, say: Say) -> list[MeshFault]:
+def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes) -> list[MeshFault]:
     """Whether the body is of human size, and the garment fits its size."""
     size, cloth = (float(np.ptp(mesh.vertices, axis=0).max()) for mesh in (body, garment))
     if not 0.4 <= size <= 2.8:
         unit = likely_unit(size / given.scale)
         hint = (
-            f"its file seems to be in {unit}: add --unit={unit}"
+            f"its file seems to be in {unit}: add {Option('unit', unit)}"
             if unit
-            else "give its unit by --scale METRES"
+            else f"give its unit by {Option('scale')} METRES"
         )
         return [
             MeshFault(
@@ -69,7 +67,7 @@ def _size(garment: Mesh, body: Mesh, given: Axes, garment_given: Axes, say: Say)
         if not 0.05 <= cloth / size <= 3 and 0.1 <= times * cloth / size <= 1.5:
             metres = garment_given.scale * times
             unit = next((name for name, value in UNITS.items() if np.isclose(value, metres)), None)
-            hint = f": add {say('garment-unit', unit)}" if unit else ""
+            hint = f": add {Option('garment_unit', unit)}" if unit else ""
             text = f"{garment.source}: the garment would be {cloth:.3g} m large on a body of {size:.3g} m; "
             return [MeshFault("unit", f"{text}its file is in other units than the body's{hint}", True)]
     return []
@@ -84,7 +82,7 @@ def _axes(body: Mesh, given: Axes) -> list[MeshFault]:
     return [MeshFault("axes", f"{text}, not {given.up} and {given.facing}; add {guessed}", True)]
 
 
-def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[MeshFault]:
+def _place(garment: Mesh, body: Mesh, garment_given: Axes) -> list[MeshFault]:
     """Whether the garment is on the body, outside of it, and not inside out."""
     if volume(body.vertices, body.faces) < 0:
         text = f"{body.source}: the body's triangles are seen from inside (or its axes are left-handed)"
@@ -102,7 +100,7 @@ def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[Mes
         way = ", ".join(f"{value:+.2f}" for value in offset)
         text = f"{garment.source}: the garment is not on the body in the rest pose: its nearest vertex is "
         text += f"{distance.min():.2f} m away, the middle of the body lies by ({way}) m from its middle"
-        hint = _turn(garment, sdf, garment_given, say) or "export both from the same scene in the same pose"
+        hint = _turn(garment, sdf, garment_given) or "export both from the same scene in the same pose"
         return [MeshFault("apart", f"{text}; {hint}", True)]
     inside = distance < 0
     if inside.any():
@@ -110,7 +108,7 @@ def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[Mes
         text = (
             f"{garment.source}: {inside.sum()} of {len(inside)} vertices start inside the body, the deepest "
         )
-        hint = _turn(garment, sdf, garment_given, say) if deepest > DEEP else ""
+        hint = _turn(garment, sdf, garment_given) if deepest > DEEP else ""
         text += (
             f"{1000 * deepest:.1f} mm; {hint or 'move them out, or export garment and body in the same pose'}"
         )
@@ -123,7 +121,7 @@ def _place(garment: Mesh, body: Mesh, garment_given: Axes, say: Say) -> list[Mes
     return found
 
 
-def _turn(garment: Mesh, sdf: BodySdf, given: Axes, say: Say) -> str:
+def _turn(garment: Mesh, sdf: BodySdf, given: Axes) -> str:
     """The options by which the garment would lie on the body, if its axes are what is wrong; else ""."""
     points = garment.vertices[:: max(1, len(garment.vertices) // 500)] @ given.rotation  # in the file's axes
     fitting = []
@@ -132,6 +130,6 @@ def _turn(garment: Mesh, sdf: BodySdf, given: Axes, say: Say) -> str:
             continue
         distance = sdf.distance(torch.from_numpy(points @ Axes(up, facing).rotation.T)).numpy()
         if np.median(distance) < 0.12 and (distance < -DEEP).mean() < 0.02:
-            options = f"{say('garment-up', up)} {say('garment-facing', facing)}"
+            options = f"{Option('garment_up', up)} {Option('garment_facing', facing)}"
             fitting.append((float(np.abs(distance).mean()), options))
     return f"its axes are other ones than the body's: add {min(fitting)[1]}" if fitting else ""

@@ -7,18 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from imgtransfer.importers.checks.axes import Axes
-from imgtransfer.importers.checks.findings import Say, refuse
+from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.weld import weld
 from render import InputError, Mesh, load_mesh
 from render.mesh.measures import face_areas
 
 _FLAT = 0.5e-12  # m², the area of a triangle with sides of a micrometre
-
-
-def as_setting(name: str, value: str) -> str:
-    """An option as a garment's configuration has it."""
-    return f"`{name.removeprefix('garment-')}: {value or 'true'}`"
 
 
 def load_template(
@@ -29,7 +24,6 @@ def load_template(
     body_axes: Axes | None = None,
     welding: bool = False,
     anyway: bool = False,
-    say: Say = as_setting,
 ) -> tuple[Mesh, list[str]]:
     """Read a garment and check it against the body that shall wear it.
 
@@ -40,7 +34,6 @@ def load_template(
         body_axes: how the body's file lay, where it came from one.
         welding: join split seams.
         anyway: take it although the checks found something.
-        say: how messages name an option of the garment and its value.
 
     Returns:
         The garment in metres, y up, facing +z, with texture coordinates, materials and the file's numbering in its
@@ -52,8 +45,8 @@ def load_template(
     """
     axes = axes or Axes()
     garment = axes.of_mesh(load_mesh(path))
-    found = check_template(garment, body, given=body_axes, garment_given=axes, welding=welding, say=say)
-    notes = refuse(found, anyway=anyway, hint=f" ({say('anyway', '')} goes on all the same)")
+    found = check_template(garment, body, given=body_axes, garment_given=axes, welding=welding)
+    notes = refuse(found, anyway=anyway)
     mesh = weld(garment).mesh if welding else garment
     _check_cloth(mesh)
     return mesh, notes

@@ -6,24 +6,23 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from imgtransfer.importers.checks.findings import MeshFault, Say, as_flag
+from imgtransfer.importers.checks.findings import MeshFault
 from imgtransfer.importers.checks.weld import seam_groups
-from render import Mesh
+from render import Mesh, Option
 
 
-def check_topology(garment: Mesh, *, welding: bool = False, say: Say = as_flag) -> list[MeshFault]:
+def check_topology(garment: Mesh, *, welding: bool = False) -> list[MeshFault]:
     """Check a garment's connectivity: seams that were split, loose pieces, vertices and edges that do no work.
 
     Args:
         garment: metres. welding: whether seams will be welded, so that they are no fault.
-        say: how messages name an option and its value.
     """
     found = []
     first, count = seam_groups(garment), len(garment.vertices)
     joined = count - len(np.unique(first))
     if joined and not welding:
         text = f"{garment.source}: {joined} of {count} vertices lie on others, where seams were split (by texture "
-        text += f"coordinates or panels); cloth would come apart there: add {say('weld', '')}"
+        text += f"coordinates or panels); cloth would come apart there: add {Option('weld', True)}"
         found.append(MeshFault("seams", text, True))
     faces = first[garment.faces]
     used = np.zeros(count, bool)

@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from render import InputError, Mesh
+from render import InputError, Mesh, Option
 from render.mesh.surface import Surface, plain_surface
 
 TOLERANCE = 1e-5  # metres; what lies closer is the same point
@@ -98,6 +98,6 @@ def weld_motion(
         other = welded.chosen[welded.mesh.surface.vertices[vertex]]
         raise InputError(
             f"{source}: vertices {other} and {vertex} lie on each other in the rest pose but part by "
-            f"{1000 * gap[frame, vertex]:.0f} mm in frame {first + frame}; this is no seam: leave out --weld"
+            f"{1000 * gap[frame, vertex]:.0f} mm in frame {first + frame}; this is no seam: leave out {Option('weld')}"
         )
     return moved

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from imgtransfer.data.source import clip_refs
 from imgtransfer.importers.job import ImportOptions, Job
-from render import InputError
+from render import InputError, Option
 
 
 def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
@@ -25,7 +25,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
             split = options.split or ref.split
             if not split:
                 raise InputError(
-                    f"{path}: npz files have no split, each clip needs a split: add --split train or test"
+                    f"{path}: npz files have no split, each clip needs a split: add {Option('split')} train or test"
                 )
             if ref.split is None:
                 ref.load()

@@ -28,7 +28,7 @@ from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.files import check_shape
 from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
-from render import InputError, load_mesh
+from render import InputError, Option, load_mesh
 from render.files.data_file import check_data_file
 from render.files.naming import natural_sort
 from render.files.point_caches import open_cache
@@ -113,7 +113,7 @@ def _clip(path: Path, model_of: Any, options: ImportOptions) -> Clip:
         info={"source": _SOURCE, "units": "m", "note": "garment positions were stored as 16-bit floats"},
         name=path.stem,
     ).with_surface(template.surface)
-    check_worn(clip, str(path), hint="is it the right --smpl?")
+    check_worn(clip, str(path), hint=f"is it the right {Option('smpl')}?")
     return clip
 
 

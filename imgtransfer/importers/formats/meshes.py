@@ -8,7 +8,7 @@ the body's rest pose. Without them the first frame is the rest pose.
 
 from __future__ import annotations
 
-import sys
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +23,10 @@ from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.mesh_files import Source, find_source, moving_in
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
-from render import InputError, MeshSequence
+from render import InputError, MeshSequence, Option
 from render.files.naming import natural_sort
+
+_log = logging.getLogger(__name__)
 
 FPS = 30.0
 
@@ -56,7 +58,7 @@ def job_of(name: str, source: Source, options: ImportOptions) -> Job:
         InputError: no split, bad files, or what the checks found.
     """
     if not options.split:
-        raise InputError("import meshes: each clip needs a split: add --split train or test")
+        raise InputError(f"import meshes: each clip needs a split: add {Option('split')} train or test")
     files = source.files()
     _prepare(source, options, check=True)
     return Job(
@@ -82,7 +84,7 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Me
             welding=options.weld,
         )
         for text in refuse(found, anyway=options.anyway):
-            print(f"note: {text}", file=sys.stderr)
+            _log.warning("note: %s", text)
     return garment, body
 
 
@@ -118,6 +120,8 @@ def _clip(source: Source, options: ImportOptions) -> Clip:
     ).with_surface(garment.mesh.surface)
     if not options.anyway:
         check_worn(
-            clip, str(source.garment), hint="do garment and body begin at the same frame? (--anyway goes on)"
+            clip,
+            str(source.garment),
+            hint=f"do garment and body begin at the same frame? ({Option('anyway', True)} goes on)",
         )
     return clip

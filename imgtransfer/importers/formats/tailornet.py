@@ -29,7 +29,7 @@ from imgtransfer.importers.files import check_shape, load_array, load_arrays
 from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.pickles.reading import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, skinned, smpl_body
-from render import InputError
+from render import InputError, Option
 from render.files.naming import natural_sort
 from render.mesh.mesh import check_faces
 
@@ -168,7 +168,7 @@ class _Garment:
             info={"source": _SOURCE, "units": "m", "note": "poses in an order, not in time; fps is nominal"},
             name=poses_file.stem,
         )
-        check_worn(clip, str(poses_file), hint="is it the right --smpl?")
+        check_worn(clip, str(poses_file), hint=f"is it the right {Option('smpl')}?")
         return clip
 
     def _rest(self, shape: str, style: str, moved: np.ndarray) -> np.ndarray:

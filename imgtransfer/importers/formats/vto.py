@@ -29,16 +29,13 @@ from imgtransfer.importers.files import as_array, check_shape
 from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.pickles.reading import load_pickle
 from imgtransfer.importers.smpl import SmplModel, find_smpl, smpl_body
-from render import InputError, Mesh, load_mesh
+from render import InputError, Mesh, Option, load_mesh
 from render.files.naming import natural_sort
 
 TEST = ("01_01", "111_02", "55_27", "91_36")
 FPS = 30.0
 _SOURCE = "VTO data set, Santesteban et al. 2019, github.com/isantesteban/vto-dataset"
-_TEMPLATE = (
-    "give the garment's rest shape by --template: assets/meshes/tshirt.obj or dress.obj (or that folder) of "
-    "https://github.com/isantesteban/vto-garment-collisions"
-)
+_TEMPLATES = "https://github.com/isantesteban/vto-garment-collisions"
 
 
 def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
@@ -74,7 +71,10 @@ def _pickles(folder: Path) -> list[Path]:
 
 def _template_file(given: Path | None, garment: str) -> Path:
     if given is None:
-        raise InputError(f"vto: the data set has no rest shapes; {_TEMPLATE}")
+        raise InputError(
+            f"vto: the data set has no rest shapes; give the garment's rest shape by {Option('template')}: "
+            f"assets/meshes/tshirt.obj or dress.obj (or that folder) of {_TEMPLATES}"
+        )
     return given / f"{garment}.obj" if given.is_dir() else given
 
 
@@ -107,7 +107,9 @@ def _clip(path: Path, template: Mesh, model: SmplModel, sequence: str, options: 
         info={"source": _SOURCE, "units": "m"},
         name=path.stem,
     ).with_surface(template.surface)
-    check_worn(clip, str(path), hint="is it the right --gender of SMPL, the right --template?")
+    check_worn(
+        clip, str(path), hint=f"is it the right {Option('gender')} of SMPL, the right {Option('template')}?"
+    )
     return clip
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from imgtransfer.importers.pickles.stand_ins import NAMES, RefusedError, as_plain
-from render import InputError
+from render import InputError, Option
 from render.files.data_file import check_data_file
 
 
@@ -53,7 +53,7 @@ class _Unpickler(pickle.Unpickler):
         if package == "chumpy":
             raise RefusedError(
                 "holds chumpy objects, as files of the SMPL model do; data sets do not need them. If it is the "
-                "body model, give its folder by --smpl"
+                f"body model, give its folder by {Option('smpl')}"
             )
         if package == "scipy":
             raise RefusedError(

@@ -16,7 +16,7 @@ from imgtransfer.importers.mesh_files import find_body
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.running.fingerprint import files_fingerprint
 from imgtransfer.simulation.motion_config import SequenceFiles
-from render import InputError, Mesh, MeshSequence
+from render import InputError, Mesh, MeshSequence, Option
 from render.files.sequence import sequence_files
 from render.mesh.measures import edge_lengths
 
@@ -140,7 +140,7 @@ def speed_fault(sequence: BodySequence, body: SampledBody) -> str | None:
         return None
     return (
         f"vertex {vertex} moves at {speed:.0f} m/s into {name}, at most {sequence.settings.speed:g} are allowed: is "
-        "the frame rate right (--fps), and the vertex order the same in every frame?"
+        f"the frame rate right ({Option('fps')}), and the vertex order the same in every frame?"
     )
 
 

@@ -18,7 +18,7 @@ from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedB
 from imgtransfer.simulation.body_motion.shape_interpolation import ShapeInterpolation
 from imgtransfer.simulation.body_motion.skin import SkinPoints, covered_skin
 from imgtransfer.simulation.config import SimulateConfig
-from render import InputError, Mesh
+from render import InputError, Mesh, Option
 from render.mesh.rigid import heading, rigid_rotation
 
 
@@ -80,7 +80,7 @@ def needs_template(garment: GarmentConfig) -> str:
     """What is said of a garment that cannot be made for a body without a skeleton."""
     return (
         f"a {garment.kind} cannot be cut for a body mesh sequence, which has no skeleton; give your own garment by "
-        "--template FILE, or by `garment: {kind: template, path: FILE}` in the configuration"
+        f"{Option('template')} FILE, or by `garment: {{kind: template, path: FILE}}` in the configuration"
     )
 
 

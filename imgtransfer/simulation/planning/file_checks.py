@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Sequence
 
 from tqdm import tqdm
@@ -10,17 +10,15 @@ from tqdm import tqdm
 from imgtransfer.bodies.config import SmplConfig, make_body
 from imgtransfer.garments.config import TemplateConfig
 from imgtransfer.garments.garment import resting, template_garment
-from imgtransfer.importers.checks.findings import Say
 from imgtransfer.simulation.body_motion.body_sequence import BodySequence, speed_fault
 from imgtransfer.simulation.planning.task import Task
 from render import InputError
 
+_log = logging.getLogger(__name__)
 
-def check_files(tasks: Sequence[Task], say: Say) -> None:
+
+def check_files(tasks: Sequence[Task]) -> None:
     """Read the files of bodies and garments, and check each garment's mesh on each body that wears it, once.
-
-    Args:
-        say: how messages name a setting of the garment's mesh and its value.
 
     Raises:
         InputError: files that cannot be read, or a garment that does not fit its body.
@@ -30,7 +28,7 @@ def check_files(tasks: Sequence[Task], say: Say) -> None:
 
     def note(text: str) -> None:
         if text not in said:
-            print(f"note: {text}", file=sys.stderr)
+            _log.warning("note: %s", text)
         said.add(text)
 
     for task in tasks:
@@ -52,14 +50,14 @@ def check_files(tasks: Sequence[Task], say: Say) -> None:
         if own is None:
             continue
         try:
-            for text in template_garment(wearer, own, body_axes=axes, say=say)[1]:
+            for text in template_garment(wearer, own, body_axes=axes)[1]:
                 note(text)
         except InputError as error:
             raise InputError(f"on the body {called}: {error}" if called else str(error)) from error
 
 
 def steady(tasks: Sequence[Task]) -> list[Task]:
-    """The tasks without those on mesh sequences that jump, which are named on stderr; reads the sequences' frames.
+    """The tasks without those on mesh sequences that jump, which are named in the log; reads the sequences' frames.
 
     Raises:
         InputError: frames that cannot be read or do not fit together.
@@ -69,7 +67,7 @@ def steady(tasks: Sequence[Task]) -> list[Task]:
     for sequence in tqdm(sequences, desc="check", unit="sequence", leave=False, disable=None):
         faults[sequence] = fault = speed_fault(sequence, sequence.read())
         if fault is not None:
-            print(f"left out {sequence.moving}: {fault}", file=sys.stderr)
+            _log.warning("left out %s: %s", sequence.moving, fault)
     return [
         task for task in tasks if not isinstance(task.motion, BodySequence) or faults[task.motion] is None
     ]

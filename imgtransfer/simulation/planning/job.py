@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,9 @@ from imgtransfer.running import Executor, Serial, run_tasks
 from imgtransfer.running.fingerprint import MADE, recorded
 from imgtransfer.simulation.planning.task import Task
 from imgtransfer.simulation.run import Rejected, simulate_clip
-from render import InputError
+from render import InputError, Option
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -106,10 +108,13 @@ def _note_others(tasks: Sequence[Task], data: DataSet, names: set[str]) -> None:
     ]
     if others:
         some = ", ".join(others[:3]) + (" ..." if len(others) > 3 else "")
-        print(
-            f"note: {len(others)} clips stand that were made with other settings or files and are left as they are "
-            f"({some}); to make them anew, give another --out, or remove them from {data.path}",
-            file=sys.stderr,
+        _log.warning(
+            "note: %d clips stand that were made with other settings or files and are left as they are (%s); to make "
+            "them anew, give another %s, or remove them from %s",
+            len(others),
+            some,
+            Option("out"),
+            data.path,
         )
 
 

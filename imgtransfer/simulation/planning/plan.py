@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +10,6 @@ from pathlib import Path
 from imgtransfer.data.choice import choose
 from imgtransfer.data.schema import check_name
 from imgtransfer.garments.config import TemplateConfig
-from imgtransfer.importers.checks.findings import Say
-from imgtransfer.importers.checks.template import as_setting
 from imgtransfer.motions.check import motion_faults
 from imgtransfer.motions.files import load_motion
 from imgtransfer.motions.motion import Motion, arms_out
@@ -22,8 +20,10 @@ from imgtransfer.simulation.motion_config import Split
 from imgtransfer.simulation.planning.file_checks import check_files, steady
 from imgtransfer.simulation.planning.sources import sorted_sources
 from imgtransfer.simulation.planning.task import Task
-from render import InputError
+from render import InputError, Option
 from render.threads import one_blas_thread
+
+_log = logging.getLogger(__name__)
 
 
 @one_blas_thread()
@@ -33,21 +33,19 @@ def plan(
     *,
     frames: int | None = None,
     clips: Sequence[str] | None = None,
-    say: Say = as_setting,
     source: str = "simulate",
 ) -> list[Task]:
     """The clips that a configuration, motion files and body mesh sequences (or folders of them) ask for.
 
-    A motion in which a joint turns too far or too fast for a body is left out, and named on stderr; likewise a mesh
+    A motion in which a joint turns too far or too fast for a body is left out, and named in the log; likewise a mesh
     sequence with a vertex that jumps. Bodies' and garments' own files are read here and checked against each other,
-    each pair once; what is odd about them but no obstacle is printed to stderr.
+    each pair once; what is odd about them but no obstacle is logged.
 
     Args:
         config: with clips of the motion library, and the garments and bodies that all motions are simulated with.
         sources: motion files, mesh sequences' folders, and folders of either.
         frames: keep only so many frames of each.
         clips: glob patterns of the names of clips to take; None takes all.
-        say: how messages name a setting of the garment's mesh and its value.
         source: what messages call the configuration.
 
     Returns:
@@ -58,12 +56,12 @@ def plan(
             read, a garment that does not fit its body, or one that cannot be made for a mesh sequence.
     """
     if frames is not None and frames < 2:
-        raise InputError(f"--frames {frames}: at least 2 are wanted")
+        raise InputError(f"{Option('frames')} {frames}: at least 2 are wanted")
     files, folders = sorted_sources(sources)
     tasks = [*_of_motions(config, files, frames), *_of_sequences(config, folders, frames)]
     _check_names(tasks)
     tasks = _chosen(tasks, clips)
-    check_files(tasks, say)
+    check_files(tasks)
     tasks = [replace(task, config=_anywhere(task.config)) for task in steady(tasks)]
     # Clips of one garment and body next to each other: what a process has made for one, it has for the next.
     tasks.sort(key=lambda task: (task.name.partition("/")[0], task.config.body.title))
@@ -93,7 +91,7 @@ def _of_motions(config: SimulateConfig, files: Sequence[Path], frames: int | Non
         motion = load_motion(path, fps=config.fps, up_axis=config.files.up_axis)
         faults = motion_faults(motion, turning=config.files.turning, path_speed=config.files.path_speed)
         if faults:
-            print(f"left out {path}: {'; '.join(faults)}", file=sys.stderr)
+            _log.warning("left out %s: %s", path, "; ".join(faults))
             continue
         motions.append((arms_out(motion, config.files.arms_out), config.files.split(motion.name), ()))
     for number, (motion, split, garments) in enumerate(motions):
@@ -134,5 +132,5 @@ def _chosen(tasks: list[Task], patterns: Sequence[str] | None) -> list[Task]:
     """
     if patterns is None or not tasks:
         return tasks
-    taken = set(choose("--clip", sorted(task.name for task in tasks), names=patterns))
+    taken = set(choose(str(Option("clips")), sorted(task.name for task in tasks), names=patterns))
     return [task for task in tasks if task.name in taken]

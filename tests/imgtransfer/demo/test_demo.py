@@ -138,8 +138,8 @@ def test_minutes_are_turned_into_steps_once(config: RunConfig, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("length", "message"),
     [
-        ({"steps": 0}, "--steps 0: a whole number from 1"),
-        ({"minutes": float("nan")}, "--minutes nan: a number of minutes above 0"),
+        ({"steps": 0}, "steps 0: a whole number from 1"),
+        ({"minutes": float("nan")}, "minutes nan: a number of minutes above 0"),
         ({"minutes": 1.0, "steps": 2}, "give one of them"),
     ],
 )

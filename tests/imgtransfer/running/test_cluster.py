@@ -107,7 +107,7 @@ def test_simulation_loses_and_repeats_no_clip_when_a_node_is_killed(
 
 
 def test_no_cluster_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--ray 127.0.0.1:9: no Ray cluster answers there"):
+    with pytest.raises(InputError, match=r"^ray 127.0.0.1:9: no Ray cluster answers there"):
         run_tasks(
             square,
             [Task(1, tmp_path)],

@@ -195,7 +195,7 @@ def test_the_executor_follows_the_options() -> None:
     assert executor_for() == Serial()
     assert executor_for(workers=3) == Pool(3)
     assert executor_for(ray="auto") == Cluster("auto")
-    with pytest.raises(InputError, match="--workers 0"):
+    with pytest.raises(InputError, match="workers 0: a whole number"):
         executor_for(workers=0)
     with pytest.raises(InputError, match="give one of them"):
         executor_for(workers=2, ray="auto")

@@ -136,7 +136,7 @@ def test_what_cannot_be_planned_is_refused(tmp_path):
         )
     with pytest.raises(InputError, match="no motion file in this folder"):
         plan(SimulateConfig(), [tmp_path])
-    with pytest.raises(InputError, match="--frames 1"):
+    with pytest.raises(InputError, match="frames 1: at least 2"):
         plan(load_config(SimulateConfig, CONFIGS / "sample.yaml"), frames=1)
 
 
@@ -176,7 +176,7 @@ def test_clips_for_some_garments_only():
         "tshirt/punch_s3_anny1",
     ]
     with pytest.raises(
-        InputError, match=r"--clip: no clip matches \(names dress/\*\); there are skirt/kick_s3_anny1"
+        InputError, match=r"clips: no clip matches \(names dress/\*\); there are skirt/kick_s3_anny1"
     ):
         plan(config, clips=["dress/*"])
 

@@ -110,16 +110,17 @@ def begun(out: Path, config: RunConfig, *files: str) -> Path:
 
 @pytest.mark.parametrize("resume", [True, False])
 def test_a_run_killed_before_it_saved_anything_begins_at_step_0(
-    config: RunConfig, source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], resume: bool
+    config: RunConfig, source: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, resume: bool
 ) -> None:
     out = begun(tmp_path / "run", small_config(source, batch_frames=3))
     assert state_to_resume(out, config, resume=resume) is False
     said = "the run begins at step 0" if resume else "before it saved anything; it begins anew"
-    assert said in capsys.readouterr().err
+    (message,) = caplog.messages
+    assert said in message
     with log_from(out / "log.jsonl", 0) as write:
         write({"step": 0})
     assert steps(out) == [0]
-    assert capsys.readouterr().err == ""
+    assert len(caplog.messages) == 1
 
 
 def test_an_empty_folder_can_be_resumed_and_another_one_cannot(config: RunConfig, tmp_path: Path) -> None:
@@ -144,7 +145,7 @@ def test_a_run_that_lost_files_is_not_begun_anew(
         (out / name).unlink()
     with pytest.raises(InputError, match=message):
         state_to_resume(out, config, resume=True)
-    with pytest.raises(InputError, match="holds a run already; add --resume"):
+    with pytest.raises(InputError, match="holds a run already; add resume=True"):
         state_to_resume(out, config, resume=False)
 
 
@@ -198,17 +199,15 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_line_costs_no_other(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str
-) -> None:
+def test_a_damaged_line_costs_no_other(tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: str) -> None:
     path = tmp_path / "log.jsonl"
     good = b"".join(b'{"step": %d, "loss": %d}\n' % (n, n) for n in range(3))
     path.write_bytes(good + DAMAGES[damage])
     assert read_curves(path, {"loss": "l"}) == {"l": ([0, 1, 2], [0, 1, 2])}
-    assert capsys.readouterr().err == f"note: {path}: 1 damaged lines are left out\n"
+    assert caplog.messages == [f"note: {path}: 1 damaged lines are left out"]
     with log_from(path, 2) as write:
         write({"step": 3, "loss": 3})
-    assert capsys.readouterr().err == f"note: {path}: 1 damaged lines are dropped\n"
+    assert caplog.messages[1:] == [f"note: {path}: 1 damaged lines are dropped"]
     assert path.read_bytes() == good + b'{"step": 3, "loss": 3}\n'
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -107,8 +108,9 @@ def test_shipped_configurations_leave_the_number_type_to_the_machine(name: str) 
 
 
 def test_a_run_goes_on_in_another_number_type(
-    tube_clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tube_clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
+    caplog.set_level(logging.INFO)
     for name in ("first", "second_test"):
         save_clip(tmp_path / f"{name}.npz", tube_clip)
     before, after = (small_config(tmp_path, precision=name) for name in ("float32", "bfloat16"))
@@ -123,10 +125,10 @@ def test_a_run_goes_on_in_another_number_type(
     with pytest.raises(KeyboardInterrupt):
         train(before, tmp_path / "run")
     monkeypatch.undo()
-    assert "number type: float32, as asked for" in capsys.readouterr().err
+    assert "number type: float32, as asked for" in caplog.text
     train(after, tmp_path / "run", resume=True)
     ratio = bfloat16_ratio(CPU, Workload.of(after.maps, after.network, after.training.batch_frames))
-    assert str(choose_precision("bfloat16", lambda: ratio)) in capsys.readouterr().err
+    assert str(choose_precision("bfloat16", lambda: ratio)) in caplog.text
     lines = [json.loads(line) for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines] == list(range(7))
     assert {line["step"]: line["precision"] for line in lines if "precision" in line} == {

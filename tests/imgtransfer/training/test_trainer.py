@@ -85,10 +85,10 @@ def test_the_papers_config_has_the_papers_sizes() -> None:  # section 4.2, appen
         (
             "data: {source: x}",
             ("training.steps=0",),
-            "--set training.steps=0: training.steps: a whole number from 1 to 1e.09",
+            "changes training.steps=0: training.steps: a whole number from 1 to 1e.09",
         ),
         ("data: {source: x}", ("training.steps",), "section.key=value is wanted"),
-        ("data: {source: x}", ("data.source.y=1",), "--set data.source.y=1: .* is not a section"),
+        ("data: {source: x}", ("data.source.y=1",), "changes data.source.y=1: .* is not a section"),
         ("data: [", (), "not YAML"),
         ("just text", (), "a mapping of settings is wanted, found only 'just text'"),
     ],
@@ -214,7 +214,7 @@ def test_a_run_stopped_before_its_first_step_goes_on(
 def test_resuming_another_configuration_is_refused(
     config: RunConfig, source: Path, whole: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match=r"holds a run already; add --resume"):
+    with pytest.raises(InputError, match=r"holds a run already; add resume=True"):
         train(config, whole)
     with pytest.raises(InputError, match=r"cannot resume, training.batch_frames is 3 now and was 2"):
         train(small_config(source, batch_frames=3), whole, resume=True)

@@ -165,29 +165,29 @@ def test_other_units_name_the_flag(body: Mesh, shirt: Mesh, unit: str) -> None:
     size = 1 / UNITS[unit]
     (finding,) = check_template(moved(shirt, shirt.vertices * size), moved(body, body.vertices * size))
     assert finding.severe
-    assert f"add --unit={unit}" in finding.text
+    assert f"add unit={unit!r}" in finding.text
     assert "body.obj: the body would be" in finding.text
 
 
 def test_a_garment_in_other_units_than_the_body(body: Mesh, shirt: Mesh) -> None:
     (finding,) = check_template(moved(shirt, shirt.vertices * 100), body)
     assert "vest.obj: the garment would be" in finding.text
-    assert "add --garment-unit=cm" in finding.text
+    assert "add garment_unit='cm'" in finding.text
 
 
 def test_other_axes_name_the_flags(body: Mesh, shirt: Mesh) -> None:
     turn = Axes("z", "-y").rotation  # to the file's axes: points @ rotation
     turned = [moved(mesh, mesh.vertices @ turn) for mesh in (shirt, body)]
     (finding,) = check_template(*turned)
-    assert "stands along z and faces -y, not y and z; add --up=z --facing=-y" in finding.text
+    assert "stands along z and faces -y, not y and z; add up='z' facing='-y'" in finding.text
     backwards = [moved(mesh, mesh.vertices * [-1, 1, -1]) for mesh in (shirt, body)]
     (finding,) = check_template(*backwards)
-    assert "add --up=y --facing=-z" in finding.text
+    assert "add up='y' facing='-z'" in finding.text
     given = Axes("x", "z")  # the user said something, and it was wrong
     (finding,) = check_template(
         *[moved(m, given.apply(m.vertices @ turn)) for m in (shirt, body)], given=given
     )
-    assert "not x and z; add --up=z --facing=-y" in finding.text
+    assert "not x and z; add up='z' facing='-y'" in finding.text
 
 
 def test_a_garment_beside_the_body(body: Mesh, shirt: Mesh) -> None:
@@ -200,10 +200,10 @@ def test_a_garment_in_other_axes_than_the_body(body: Mesh, shirt: Mesh, tmp_path
     lying = moved(shirt, shirt.vertices @ Axes("z", "-y").rotation)  # z up on a body that has y up
     (finding,) = check_template(lying, body)
     assert finding.severe
-    assert "its axes are other ones than the body's: add --garment-up=z --garment-facing=-y" in finding.text
+    assert "its axes are other ones than the body's: add garment_up='z' garment_facing='-y'" in finding.text
     write_obj(tmp_path / "vest.obj", lying.vertices, lying.faces)
     with pytest.raises(
-        InputError, match=r"add `up: z` `facing: -y` \(`anyway: true` goes on all the same\)$"
+        InputError, match=r"add garment_up='z' garment_facing='-y' \(anyway=True goes on all the same\)$"
     ):
         load_template(tmp_path / "vest.obj", body)
     garment, notes = load_template(tmp_path / "vest.obj", body, axes=Axes("z", "-y"))
@@ -215,7 +215,7 @@ def test_a_template_is_welded_on_its_way(tmp_path: Path) -> None:
     body = Mesh(*synthetic.tube(0.15, 1.0, 9, 14, closed=True), source="body")
     mesh = split_tube()
     write_obj(tmp_path / "shirt.obj", mesh.vertices + np.array([0, 0.2, 0]), mesh.faces)
-    with pytest.raises(InputError, match="add `weld: true`"):
+    with pytest.raises(InputError, match="add weld=True"):
         load_template(tmp_path / "shirt.obj", body)
     garment, _ = load_template(tmp_path / "shirt.obj", body, welding=True)
     assert len(garment.vertices) == 24
@@ -226,7 +226,7 @@ def test_a_template_is_welded_on_its_way(tmp_path: Path) -> None:
 def test_a_garment_s_configuration_says_how_its_file_lies(shirt: Mesh, tmp_path: Path) -> None:
     axes = Axes("z", "-y", 0.01)
     write_obj(tmp_path / "vest.obj", shirt.vertices @ axes.rotation / axes.scale, shirt.faces)
-    with pytest.raises(InputError, match="its file is in other units than the body's: add `unit: cm`"):
+    with pytest.raises(InputError, match="its file is in other units than the body's: add garment_unit='cm'"):
         make_garment(load_body(), TemplateConfig(path=tmp_path / "vest.obj"))
     config = TemplateConfig(path=tmp_path / "vest.obj", up="z", facing="-y", unit="cm", weld=True)
     garment = make_garment(load_body(), config)
@@ -252,7 +252,7 @@ def test_split_seams_name_the_flag() -> None:
     (finding,) = check_topology(split_tube())
     assert finding.severe
     assert "4 of 28 vertices lie on others, where seams were split" in finding.text
-    assert "add --weld" in finding.text
+    assert "add weld=True" in finding.text
     assert check_topology(split_tube(), welding=True) == []
 
 
@@ -271,7 +271,7 @@ def test_pieces_unused_vertices_and_crowded_edges_are_told_but_no_obstacle() -> 
 
 def test_severe_findings_stop_the_work_unless_told_otherwise(body: Mesh, shirt: Mesh) -> None:
     findings = check_template(moved(shirt, shirt.vertices + AHEAD), body)
-    with pytest.raises(InputError, match=r"not on the body.*\(--anyway goes on all the same\)"):
+    with pytest.raises(InputError, match=r"not on the body.*\(anyway=True goes on all the same\)"):
         refuse(findings)
     assert refuse(findings, anyway=True) == [finding.text for finding in findings]
     assert refuse([]) == []

@@ -311,7 +311,7 @@ def test_a_configuration_s_template_is_mended_by_its_keys(own, capsys):
     (own / "quick.yaml").write_text(json.dumps({"garment": garment, "solver": QUICK}))
     flags = ("--unit=cm", "--up=z")
     said = error(capsys, command(own, "bodies/walk", template=None, flags=flags))
-    assert "add `weld: true` (`anyway: true` goes on all the same)" in said
+    assert "add `garment.weld: true` (`garment.anyway: true` goes on all the same)" in said
     assert "--weld" not in said
 
 
