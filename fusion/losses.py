@@ -83,14 +83,14 @@ def anchor_weights(seen: torch.Tensor, confidence: torch.Tensor | None = None) -
     """What each vertex counts in `displacement_loss`: alike for all that are seen, times their confidence.
 
     Args:
-        seen: (N,) bool, vertices that a view sees.
+        seen: (N,) bool, vertices that a view sees; (..., N) where frames differ.
         confidence: (..., N), at least 0; 1 if None.
 
     Returns:
-        (N,) or (..., N), 1 / (number seen) at confidence 1, and 0 where not seen.
+        (N,) or (..., N), 1 / (number seen in the frame) at confidence 1, and 0 where not seen.
     """
     weights = seen.to(torch.float32 if confidence is None else confidence.dtype)
-    weights = weights / seen.sum().clamp(min=1)
+    weights = weights / seen.sum(-1, keepdim=True).clamp(min=1)
     return weights if confidence is None else weights * confidence
 
 

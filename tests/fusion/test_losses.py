@@ -87,6 +87,18 @@ def test_a_vertex_s_confidence_scales_its_own_displacement_only():
     assert anchor_weights(torch.zeros(3, dtype=torch.bool)).tolist() == [0.0, 0.0, 0.0]
 
 
+def test_each_frame_s_vertices_are_weighed_by_how_many_it_sees():
+    """They were divided by what all frames of the batch see: more frames at once held their vertices less."""
+    seen = torch.tensor([[True, True, False, True], [False, True, False, False], [False] * 4])
+    confidence = torch.tensor([[3.0, 6.0, 9.0, 1.5], [1.0, 0.5, 1.0, 1.0], [1.0] * 4])
+    assert anchor_weights(seen, confidence).tolist() == [
+        [1.0, 2.0, 0.0, 0.5],
+        [0.0, 0.5, 0.0, 0.0],
+        [0.0] * 4,
+    ]
+    torch.testing.assert_close(anchor_weights(seen)[0], torch.tensor([1 / 3, 1 / 3, 0, 1 / 3]))
+
+
 def test_a_pixel_s_confidence_scales_its_own_distance_only():
     rendered = torch.tensor([[0.0, 0, 1], [0, 1, 0]])
     target = torch.tensor([[0.0, 0, -1], [0, 0, 1]])
@@ -101,6 +113,26 @@ def test_second_difference_by_hand():
     assert temporal_loss(vertices).tolist() == [0.0, 8.0, 8.0, 0.0]
     assert temporal_loss(vertices).mean().item() == 4.0
     assert temporal_loss(vertices[:2]).tolist() == [0.0, 0.0]
+
+
+def test_second_differences_ignore_a_steady_walk_and_are_the_same_backwards():
+    vertices = torch.randn(6, 4, 3, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    walk = torch.arange(6.0, dtype=torch.float64)[:, None, None] * torch.tensor([0.1, -0.2, 0.3]).double()
+    torch.testing.assert_close(temporal_loss(vertices + walk), temporal_loss(vertices))
+    torch.testing.assert_close(temporal_loss(vertices.flip(0)), temporal_loss(vertices).flip(0))
+    assert temporal_loss(torch.zeros(4, 0, 3)).tolist() == [0.0] * 4  # no vertices
+
+
+@pytest.mark.parametrize("scale", [0.01, 100.0])
+def test_lengths_in_another_unit_scale_squared_terms_twice_and_depths_once(scale):
+    vertices = torch.randn(5, 3, 3, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
+    scaled = Topology(Mesh(scale * TRIANGLE.vertices, TRIANGLE.faces))
+    for term in (lambda v: displacement_loss(v, 0.5 * v.flip(0)), temporal_loss):
+        torch.testing.assert_close(term(scale * vertices), scale**2 * term(vertices))
+    edges = scale**2 * edge_length_loss(vertices, Topology(TRIANGLE))
+    torch.testing.assert_close(edge_length_loss(scale * vertices, scaled), edges)
+    depth = collision_loss(vertices[..., 0], margin_m=0.3)
+    torch.testing.assert_close(collision_loss(scale * vertices[..., 0], margin_m=0.3 * scale), scale * depth)
 
 
 def test_second_difference_s_gradient_is_that_of_its_sum():

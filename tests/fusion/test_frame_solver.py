@@ -1,0 +1,179 @@
+"""How a clip is cut into batches and handed to threads, and what a batch goes through."""
+
+import threading
+
+import numpy as np
+import pytest
+import torch
+
+from fusion import FusionConfig, fuse
+from fusion.frame_solver import FrameSolver, _CachedObstacle, frames_at_once, usable_threads
+from fusion.input_checks import checked
+from fusion.obstacles.layers import Obstacles
+from fusion.parallel import n_threads
+from fusion.report import Stopwatch
+from render import InputError
+from tests.helpers.example_meshes import two_triangles
+from tests.helpers.fusion_examples import imager_of, inputs_of, true_maps, tube, wrinkled
+from tests.helpers.half_space import HalfSpace
+
+CPU = torch.device("cpu")
+COUPLED = {"weight_temporal": 1.0}, {"warm_start": True}
+SQUARE = imager_of(two_triangles(), (12, 10))
+REST = torch.from_numpy(two_triangles().vertices).float()[None]
+
+
+@pytest.mark.parametrize(
+    ("options", "frames", "want"),
+    [({}, 100, 3), ({}, 2, 2), ({}, 1, 1), ({}, 0, 1), ({"solver": "adam"}, 100, 1)]
+    + [(options, 100, 1) for options in COUPLED],
+)
+def test_threads_are_as_many_as_there_are_and_frames_can_use(monkeypatch, options, frames, want):
+    monkeypatch.setattr("fusion.frame_solver.n_threads", lambda: 3)
+    assert usable_threads(FusionConfig(**options), CPU, frames) == want
+    assert usable_threads(FusionConfig(**options), torch.device("cuda"), frames) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "threads", "frames", "want"),
+    [
+        ({"batch_frames": 8}, 1, 100, 8),
+        ({"batch_frames": 8}, 1, 5, 5),
+        ({"batch_frames": 8}, 4, 10, 3),  # 3 + 3 + 3 + 1: no thread is idle
+        ({"batch_frames": 2}, 4, 10, 2),
+        ({"batch_frames": 2, "weight_temporal": 1.0}, 1, 10, 10),
+        ({"batch_frames": 8, "warm_start": True}, 1, 10, 1),
+    ],
+)
+def test_a_batch_is_no_larger_than_leaves_work_for_every_thread(options, threads, frames, want):
+    assert frames_at_once(FusionConfig(**options), threads, frames) == want
+
+
+def solver_of(inputs, threads=1, **options):
+    given = checked(inputs, SQUARE)
+    solver = FrameSolver(SQUARE, given, FusionConfig(**options), CPU, threads=threads, weighted=False)
+    return solver, given
+
+
+def test_results_come_in_order_however_long_each_takes_and_no_batch_is_fetched_too_early(monkeypatch):
+    """The first of five batches waits until another thread has solved the second."""
+    batches = [inputs_of(initial=REST + k) for k in range(5)]
+    solver, _ = solver_of(batches[0], threads=2)
+    second, fetched, names, whole = threading.Event(), [], set(), solver.solve
+
+    def solve(batch, watch):
+        names.add(threading.current_thread().name)
+        assert n_threads() == torch.get_num_threads() == 1
+        number = round(float(batch.initial[0, 0, 0] + 0.5))
+        if number == 0:
+            assert second.wait(60)
+        result = whole(batch, watch)
+        if number == 1:
+            second.set()
+        return result
+
+    monkeypatch.setattr(solver, "solve", solve)
+
+    def coming():
+        for batch in batches:
+            fetched.append(batch)
+            yield checked(batch, SQUARE)
+
+    results = solver.solve_all(coming(), Stopwatch(CPU))
+    first = next(results)
+    assert len(fetched) == 3  # one for each thread, and one that waits
+    found = [first, *results]
+    for number, result in enumerate(found):
+        np.testing.assert_array_equal(result.initial, REST + number)
+    assert len(names) == 2
+    assert threading.current_thread().name not in names
+
+
+def test_what_is_wrong_with_a_batch_that_is_fetched_late_is_raised_and_ends_the_threads():
+    solver, good = solver_of(inputs_of(initial=REST), threads=2)
+
+    def coming():
+        yield good
+        yield good
+        raise InputError("maps: frame 2 is damaged")
+
+    before = threading.active_count()
+    with pytest.raises(InputError, match="frame 2 is damaged"):
+        list(solver.solve_all(coming(), Stopwatch(CPU)))
+    assert threading.active_count() == before
+
+
+def test_vertices_that_are_no_longer_finite_are_named_by_the_clip_s_frame(monkeypatch):
+    solver, given = solver_of(inputs_of(initial=REST.repeat(4, 1, 1)).part(slice(2, 4)))
+    readings = solver._readings(given)
+    readings.vertices[1, 3, 0] = torch.nan
+    monkeypatch.setattr(solver, "_readings", lambda inputs: readings)
+    with pytest.raises(InputError, match=r"fuse: the result: frame 3, vertex 3 is .*not finite"):
+        solver.solve(given, Stopwatch(CPU))
+
+
+def test_a_batch_tells_what_was_not_read_and_how_long_each_stage_took():
+    watch = Stopwatch(CPU)
+    solver, given = solver_of(inputs_of(initial=REST.repeat(2, 1, 1)))
+    result = solver.solve(given, watch)
+    np.testing.assert_array_equal(result.unseen, 1 - SQUARE.visible.any(0).mean())
+    assert result.vertices.dtype == result.initial.dtype == np.float32
+    assert result.vertices.flags.c_contiguous
+    assert (result.stages, result.inside) == ({}, None)
+    assert set(watch.seconds) == {"start"}
+
+
+@pytest.mark.parametrize("batch", [2, 4])
+def test_confidence_counts_the_same_however_many_frames_are_solved_at_once(batch):
+    """Each frame's vertices were held to their readings by 1 / the number seen in the whole batch: here by 2.5 mm."""
+    imager = imager_of(tube())
+    positions, _ = true_maps(imager, wrinkled(tube(), 4))
+    noise = torch.randn(positions.shape, generator=torch.Generator().manual_seed(0))
+    inputs = inputs_of(positions=positions + 0.003 * noise, confidence=np.full(positions.shape[:4], 0.5))
+    alone, together = (
+        fuse(imager, inputs, FusionConfig(batch_frames=frames, weight_displacement=2.0)).vertices
+        for frames in (1, batch)
+    )
+    np.testing.assert_allclose(together, alone, atol=1e-5)
+
+
+def test_pins_take_their_places_before_the_first_stage():
+    wanted = torch.tensor([[[0.1, 0.2, 0.3]], [[0.4, 0.5, 0.6]]])
+    solver, given = solver_of(inputs_of(initial=REST.repeat(2, 1, 1), pins=(np.array([2]), wanted)))
+    result = solver.solve(given, Stopwatch(CPU))
+    np.testing.assert_array_equal(result.initial[:, [2]], wanted)
+    np.testing.assert_array_equal(result.initial[:, [0, 1, 3]], REST[:, [0, 1, 3]].repeat(2, 1, 1))
+    assert torch.equal(given.initial, REST.repeat(2, 1, 1))  # what was given is not written into
+
+
+def test_an_obstacle_is_asked_once_about_the_same_points():
+    space = HalfSpace()
+    cached = _CachedObstacle(Obstacles([space]))
+    points = torch.ones(1, 3, 3)
+    first = cached.query(points)
+    assert cached.query(points.clone()) is first
+    points[0, 0, 1] = 5.0  # in place: the answer was to what they had been
+    assert cached.query(points).distance[0].tolist() == [5, 1, 1]
+    assert cached.query(points[:, :2]).distance.shape == (1, 2)
+    assert len(space.queries) == 3
+
+
+def test_an_obstacle_that_moved_is_asked_again():
+    space = HalfSpace()
+    cached = _CachedObstacle(Obstacles([space]))
+    points = torch.ones(1, 3, 3)
+    assert cached.query(points).distance.unique().tolist() == [1]
+    cached.update(torch.tensor([0.75]))
+    assert cached.query(points).distance.unique().tolist() == [0.25]
+    assert cached.distance(points).unique().tolist() == [0.25]
+
+
+def test_a_garment_is_lifted_off_the_one_beneath_by_what_is_missing():
+    """A square worn over a square 1 cm behind it that is 4 mm thick: 7 mm of clearance lift it by 1 mm."""
+    inner = (REST - torch.tensor([0, 0, 0.01]), two_triangles().faces)
+    config = {"inner_margin_m": 0.004, "clearance_m": 0.007, "normal_iterations": 0}
+    middle = 0.5 * REST  # inside the rim, past which nothing is covered
+    solver, given = solver_of(inputs_of(initial=middle, inner=inner), **config)
+    result = solver.solve(given, Stopwatch(CPU))
+    np.testing.assert_allclose(result.vertices[..., 2], 0.001, atol=1e-5)
+    assert [float(part[0]) for part in result.inside] == [0, 0]
