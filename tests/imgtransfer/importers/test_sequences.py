@@ -237,7 +237,7 @@ def test_the_mesh_of_a_cache_counts_among_the_files_of_a_clip(frames: Path) -> N
     assert sequence.rest == beside
     (job,) = jobs([frames], ImportOptions(split="train", anyway=True))
     assert beside in job.files
-    np.testing.assert_array_equal(job.read().body_vertices, wanted)
+    np.testing.assert_array_equal(job.read().body.vertices, wanted)
     write_obj(beside, BODY * 1.25, FACES)
     assert find_sequence(frames, SequenceFiles(), 30.0).content != sequence.content
 
