@@ -47,20 +47,20 @@ def test_edges_without_a_length_are_left_out_and_a_template_of_such_alone_is_ref
 def test_a_clip_that_does_not_stretch_has_no_strain_and_one_that_grows_has_that_of_all_edges(
     tube_clip: Clip,
 ) -> None:
-    template = np.tile(tube_clip.template_vertices, (6, 1, 1))
-    still = summarise(replace(tube_clip, garment_vertices=template))
+    template = np.tile(tube_clip.template.vertices, (6, 1, 1))
+    still = summarise(tube_clip.with_garment(template))
     assert still.strain == pytest.approx((0, 0), abs=1e-4)
-    grown = summarise(replace(tube_clip, garment_vertices=1.03 * template))
+    grown = summarise(tube_clip.with_garment(1.03 * template))
     assert grown.strain == pytest.approx((3, 3), abs=1e-3)  # per cent
 
 
 def test_penetration_is_the_part_of_vertices_inside_the_body(tube_clip: Clip) -> None:
     assert summarise(tube_clip).penetration == 0
-    vertices = tube_clip.garment_vertices.copy()
-    vertices[:3, :96] = tube_clip.body_vertices[:3].mean(
+    vertices = tube_clip.garment.vertices.copy()
+    vertices[:3, :96] = tube_clip.body.vertices[:3].mean(
         axis=1, keepdims=True
     )  # half of them in three of six frames
-    assert summarise(replace(tube_clip, garment_vertices=vertices)).penetration == pytest.approx(25)
+    assert summarise(tube_clip.with_garment(vertices)).penetration == pytest.approx(25)
 
 
 def test_sizes_and_names(tube_clip: Clip) -> None:
@@ -74,9 +74,9 @@ def test_sizes_and_names(tube_clip: Clip) -> None:
 def test_of_long_clips_some_frames_are_measured_first_and_last_among_them() -> None:
     clip = synthetic.tube_clip(40)
     assert summarise(clip).sampled == SAMPLED_FRAMES
-    wild = np.tile(clip.template_vertices, (40, 1, 1))
+    wild = np.tile(clip.template.vertices, (40, 1, 1))
     wild[[0, -1]] *= 2
-    summary = summarise(replace(clip, garment_vertices=wild))
+    summary = summarise(clip.with_garment(wild))
     assert summary.strain is not None
     assert summary.strain[1] == pytest.approx(100, abs=0.1)  # two of twelve frames are more than a hundredth
     assert summary.strain[0] == pytest.approx(0, abs=1e-3)
@@ -88,5 +88,5 @@ def test_short_clips_count_every_frame_once(tube_clip: Clip, frames: int) -> Non
 
 
 def test_a_clip_without_a_garment_has_no_strain(tube_clip: Clip) -> None:
-    summary = summarise(replace(tube_clip, garment_vertices=None))
+    summary = summarise(replace(tube_clip, garment=None))
     assert (summary.strain, summary.penetration) == (None, None)
