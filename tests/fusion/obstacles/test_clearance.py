@@ -6,7 +6,9 @@ import torch
 import trimesh
 
 from fusion import BodySdf, FusionConfig, OuterSurface, Topology, clear_body, fuse, lift_clear
+from fusion.obstacles.clearance import SdfCache, _padded_places, _pulled, _sphere
 from render import Mesh
+from tests.helpers.example_meshes import two_triangles
 from tests.helpers.fusion_examples import (
     AROUND,
     cylinder_body,
@@ -17,6 +19,7 @@ from tests.helpers.fusion_examples import (
     tube,
     wrinkled,
 )
+from tests.helpers.half_space import HalfSpace
 
 CLEARANCE = 1e-3
 MESH = tube()
@@ -232,3 +235,67 @@ def test_after_fusing_a_prediction_deep_inside_nothing_is_in_the_body_or_the_gar
     surface.update(inners)
     for obstacle in (sdf, surface):
         assert obstacle.query(vertices).distance.min() >= config.clearance_m
+
+
+def test_places_that_are_chosen_are_padded_to_the_longest_row():
+    chosen = torch.tensor([[False, True, False, True], [True, False, False, False], [False] * 4])
+    places = _padded_places(chosen)
+    assert places.shape == (3, 2)
+    assert places[0].tolist() == [1, 3]
+    assert places[1, 0].item() == 0
+    assert len(set(places[2].tolist())) == 2  # any two, but not one twice
+    assert _padded_places(torch.zeros(2, 4, dtype=torch.bool)).shape == (2, 0)
+    assert _padded_places(torch.zeros(0, 4, dtype=torch.bool)).shape == (0, 0)
+
+
+def test_directions_of_the_search_are_spread_evenly():
+    directions = _sphere(64)
+    torch.testing.assert_close(directions.norm(dim=-1), torch.ones(64).double())
+    assert directions.mean(0).abs().max() < 0.01
+    # Second moments of the sphere are 1/3 and 0; each has a neighbour within 30 degrees, none within 10.
+    torch.testing.assert_close(directions.T @ directions / 64, torch.eye(3).double() / 3, atol=0.01, rtol=0)
+    nearest = (directions @ directions.T - 2 * torch.eye(64)).max(1).values
+    assert (nearest > np.cos(np.deg2rad(30))).all()
+    assert (nearest < np.cos(np.deg2rad(10))).all()
+
+
+def test_only_vertices_that_moved_are_asked_about_again():
+    space = HalfSpace()
+    vertices = torch.rand(2, 5, 3, generator=torch.Generator().manual_seed(0))
+    cache = SdfCache(vertices, space)
+    moved = vertices.clone()
+    moved[0, [1, 4], 1], moved[1, 2, 1] = 7.0, 8.0
+    cache.move(moved)
+    assert space.queries[1].shape == (2, 2, 3)  # the second frame's one is padded
+    assert cache.distance.equal(moved[..., 1])
+    assert cache.asked == 2 * 5 + 2 * 2
+    cache.move(moved.clone())
+    assert cache.asked == 14
+
+
+def test_a_deep_vertex_is_pulled_until_its_edges_are_no_more_than_half_as_long_again():
+    """One vertex of a square 5 m away from the others: of its edges the shortest one's length counts."""
+    topology = Topology(two_triangles())
+    vertices = torch.from_numpy(two_triangles().vertices).float()[None].clone()
+    vertices[0, 1] += torch.tensor([0.0, 0, -5.0])
+    deep = torch.tensor([[False, True, False, False]])
+    found = _pulled(vertices, deep, topology)
+    lengths = topology.difference(found).norm(dim=-1)[0]
+    assert lengths.max() < 1.51 * topology.rest_lengths.max()
+    assert torch.equal(found[0, ~deep[0]], vertices[0, ~deep[0]])
+    assert torch.equal(_pulled(vertices, ~deep & deep, topology), vertices)  # nothing is deep
+
+
+def test_on_flat_ground_each_vertex_gets_what_is_missing_straight_up():
+    vertices = torch.tensor([[[0.0, -0.004, 0], [1, 0.0005, 0], [0, 0.5, 0]]])
+    topology = Topology(Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 0.5, 0]]), np.array([[0, 1, 2]])))
+    found = lift_clear(
+        vertices, HalfSpace(), topology, clearance_m=1e-3, rounds=2
+    )  # the last two: none follows
+    want = vertices.clone()
+    want[0, :2, 1] = 1e-3
+    torch.testing.assert_close(found.vertices, want, rtol=0, atol=5e-6)
+    assert found.rounds == 1
+    assert not found.remaining.any()
+    assert not found.relocated.any()
+    assert found.distance.min() >= 1e-3

@@ -10,8 +10,10 @@ import torch
 import trimesh
 
 from fusion import BodySdf, Obstacles, OuterSurface, Topology, lift_clear
+from fusion.obstacles.layers import _rims
 from render import InputError, Mesh
 from tests.helpers.fusion_examples import AROUND, cylinder_body, leaning, tube
+from tests.helpers.half_space import HalfSpace
 from tests.helpers.paths import EXTERNAL
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])  # at y = 0, its outer side up
@@ -217,3 +219,30 @@ def test_a_body_is_a_surface_too():
     sdf.update(ball.vertices)
     points = torch.from_numpy(np.random.default_rng(1).normal(0, 0.04, (500, 3)))
     torch.testing.assert_close(surface.query(points).distance, sdf.query(points).distance)
+
+
+def test_rims_of_an_open_a_closed_and_a_pinched_mesh():
+    """1 where the corner is on the rim, 2 where the edge opposite it is."""
+    one = np.array([[0, 1, 2]])
+    assert _rims(one, 3).tolist() == [[3, 3, 3]]
+    tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    assert not _rims(tetrahedron, 4).any()
+    # Of a square's two triangles all vertices are on the rim, and the diagonal 0-2 alone is not.
+    assert _rims(np.array([[0, 1, 2], [0, 2, 3]]), 4).tolist() == [[3, 1, 3], [3, 3, 1]]
+    # Around an inner vertex, 4, no edge at it is on the rim.
+    fan = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+    assert _rims(fan, 5).tolist() == [[1, 1, 2]] * 4
+    # An edge of three faces is no rim.
+    assert _rims(np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]), 5)[:, 2].tolist() == [1, 1, 1]
+
+
+def test_every_part_takes_its_own_pose_and_the_highest_ground_answers():
+    parts = HalfSpace(), HalfSpace()
+    ground = Obstacles(parts)
+    ground.update(torch.tensor([0.5]), torch.tensor([0.25]))
+    assert [part.height for part in parts] == [0.5, 0.25]
+    answer = ground.query(torch.ones(1, 1, 3))
+    assert answer.distance.tolist() == [[0.5]]
+    assert answer.closest.tolist() == [[[1, 0.5, 1]]]
+    with pytest.raises(InputError, match="2 arrays of vertices are wanted, found 1"):
+        ground.update(torch.zeros(1))
