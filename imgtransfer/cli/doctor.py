@@ -67,9 +67,9 @@ def _version(package: str) -> str | None:
 def _gl() -> str | None:
     from render.raster.context import HOW_TO_INSTALL, probe_backends  # noqa: PLC0415
 
-    found = probe_backends()
-    working = [name for name, renderer in found.items() if not renderer.startswith("unavailable")]
-    for name, renderer in found.items():
+    renderers = probe_backends()
+    working = [name for name, renderer in renderers.items() if not renderer.startswith("unavailable")]
+    for name, renderer in renderers.items():
         print(f"{'GL':10} {name}: {renderer}")
     if working:
         print(f"{'GL':10} rasterising with {working[0]}")

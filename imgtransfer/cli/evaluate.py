@@ -152,15 +152,15 @@ def _prediction_files(paths: Sequence[Path], method: str | None) -> dict[str, Pa
             continue
         if not path.is_dir():
             raise InputError(f"{path}: no such file or folder; a prediction is wanted")
-        found = {
+        results = {
             clip_of_folder(folder.resolve().name): folder / name
             for folder in folders_in(path)
             for name in reversed(names)  # the better one last, so that it stays
             if (folder / name).is_file()
         }
-        if not found and not method:
-            found = {clip_of_folder(file.stem): file for file in sorted(path.glob("*.npz"))}
-        if not found:
+        if not results and not method:
+            results = {clip_of_folder(file.stem): file for file in sorted(path.glob("*.npz"))}
+        if not results:
             raise InputError(f"{path}: no prediction in it; wanted are folders with {' or '.join(names)}")
-        files |= found
+        files |= results
     return files

@@ -31,10 +31,10 @@ def vector_units() -> str:
     import torch  # noqa: PLC0415
 
     flags = _cpu_flags()
-    found = [name for flag, name in UNITS.items() if flag in flags]
+    units = [name for flag, name in UNITS.items() if flag in flags]
     if not flags and platform.machine().lower() in ("arm64", "aarch64"):
-        found = ["NEON"]  # every 64-bit ARM has it; only Linux lists flags
-    return f"{', '.join(found) or 'none known'}; torch uses {torch.backends.cpu.get_cpu_capability()}"
+        units = ["NEON"]  # every 64-bit ARM has it; only Linux lists flags
+    return f"{', '.join(units) or 'none known'}; torch uses {torch.backends.cpu.get_cpu_capability()}"
 
 
 def threads() -> str:

@@ -144,13 +144,15 @@ def _others(source: str, refs: Sequence[ClipRef]) -> dict[str, ClipRef]:
     """The clip to compare each one with: of the same name, or the only one with the only one."""
     from imgtransfer.data.source import clip_refs  # noqa: PLC0415
 
-    found = {ref.name: ref for ref in clip_refs(source)}
-    if len(refs) == len(found) == 1:
-        return {refs[0].name: next(iter(found.values()))}
-    lost = [ref.name for ref in refs if ref.name not in found]
+    refs_by_name = {ref.name: ref for ref in clip_refs(source)}
+    if len(refs) == len(refs_by_name) == 1:
+        return {refs[0].name: next(iter(refs_by_name.values()))}
+    lost = [ref.name for ref in refs if ref.name not in refs_by_name]
     if lost:
-        raise InputError(f"--against {source}: no clip {', '.join(lost)} in it; it has {', '.join(found)}")
-    return found
+        raise InputError(
+            f"--against {source}: no clip {', '.join(lost)} in it; it has {', '.join(refs_by_name)}"
+        )
+    return refs_by_name
 
 
 def _meshes(args: argparse.Namespace, frames: str) -> Scene:
@@ -191,7 +193,7 @@ def _check_no_meshes(source: str) -> None:
     from render.files.mesh_files import SUFFIXES  # noqa: PLC0415
 
     path = Path(source)
-    found = [path, *(path.iterdir() if path.is_dir() else ())]
-    suffixes = {entry.suffix.lower() for entry in found}
+    entries = [path, *(path.iterdir() if path.is_dir() else ())]
+    suffixes = {entry.suffix.lower() for entry in entries}
     if suffixes & set(SUFFIXES) and ".npz" not in suffixes:
         raise InputError(f"{source}: meshes are rendered with --template FILE, the garment at rest")

@@ -89,15 +89,15 @@ def chosen(jobs: Sequence[Job], options: ImportOptions, source: object) -> list[
     """
     names = [job.name for job in jobs]
     taken = set(choose(str(source), names, names=options.clips))
-    found = [job for job in jobs if job.name in taken]
-    twice = sorted({job.name for job in found if names.count(job.name) > 1})
+    chosen_jobs = [job for job in jobs if job.name in taken]
+    twice = sorted({job.name for job in chosen_jobs if names.count(job.name) > 1})
     if twice:
         raise InputError(
             f"several files would become clip {', '.join(twice)}; rename them or import them apart"
         )
-    for job in found:
+    for job in chosen_jobs:
         check_name(job.name, job.split)
-    return found
+    return chosen_jobs
 
 
 def run_jobs(jobs: Sequence[Job], data: DataSet, options: ImportOptions) -> int:

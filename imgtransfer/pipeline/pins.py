@@ -99,7 +99,7 @@ def _numbers(path: Path) -> np.ndarray:
         lines = path.read_text().splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as text ({error})") from error
-    found: list[int] = []
+    numbers: list[int] = []
     for number, line in enumerate(lines, start=1):
         words = line.split("#", 1)[0].replace(",", " ").replace(";", " ").split()
         bad = [word for word in words if not (word.isascii() and word.isdecimal() and len(word) <= _DIGITS)]
@@ -107,7 +107,7 @@ def _numbers(path: Path) -> np.ndarray:
             raise InputError(
                 f"{path}: line {number}: vertex numbers from 0 are wanted, found {shortened(bad[0])}"
             )
-        found += [int(word) for word in words]
-    if not found:
+        numbers += [int(word) for word in words]
+    if not numbers:
         raise InputError(f"{path}: no vertex numbers in it")
-    return np.array(found, np.int64)
+    return np.array(numbers, np.int64)

@@ -163,7 +163,7 @@ def _write_maps(
 
 def _distances(scene: Scene, against: Scene) -> dict[str, np.ndarray]:
     """By mesh, the distance of each vertex to its place in the other scene: (T, N) float32, millimetres."""
-    found = {}
+    distances = {}
     for name, moved in scene.meshes.items():
         if name not in against.meshes:
             continue
@@ -176,7 +176,9 @@ def _distances(scene: Scene, against: Scene) -> dict[str, np.ndarray]:
                 f"{len(other.mesh.vertices)} vertices, or other triangles; {scene.name} has {moved.n_frames} of "
                 f"{len(moved.mesh.vertices)}"
             )
-        found[name] = 1000 * np.linalg.norm(moved.vertices() - other.vertices(), axis=-1).astype(np.float32)
-    if not found:
+        distances[name] = 1000 * np.linalg.norm(moved.vertices() - other.vertices(), axis=-1).astype(
+            np.float32
+        )
+    if not distances:
         raise InputError(f"{Option('against')} {against.name}: it has none of {', '.join(scene.meshes)}")
-    return found
+    return distances

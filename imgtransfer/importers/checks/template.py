@@ -45,8 +45,8 @@ def load_template(
     """
     axes = axes or Axes()
     garment = axes.of_mesh(load_mesh(path))
-    found = check_template(garment, body, given=body_axes, garment_given=axes, welding=welding)
-    notes = refuse(found, anyway=anyway)
+    faults = check_template(garment, body, given=body_axes, garment_given=axes, welding=welding)
+    notes = refuse(faults, anyway=anyway)
     mesh = weld(garment).mesh if welding else garment
     _check_cloth(mesh)
     return mesh, notes

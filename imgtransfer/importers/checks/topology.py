@@ -17,13 +17,13 @@ def check_topology(garment: Mesh, *, welding: bool = False) -> list[MeshFault]:
     Args:
         garment: metres. welding: whether seams will be welded, so that they are no fault.
     """
-    found = []
+    faults = []
     first, count = seam_groups(garment), len(garment.vertices)
     joined = count - len(np.unique(first))
     if joined and not welding:
         text = f"{garment.source}: {joined} of {count} vertices lie on others, where seams were split (by texture "
         text += f"coordinates or panels); cloth would come apart there: add {Option('weld', True)}"
-        found.append(MeshFault("seams", text, True))
+        faults.append(MeshFault("seams", text, True))
     faces = first[garment.faces]
     used = np.zeros(count, bool)
     used[garment.faces] = True
@@ -31,18 +31,18 @@ def check_topology(garment: Mesh, *, welding: bool = False) -> list[MeshFault]:
     if len(pieces) > 1:
         sizes = ", ".join(str(size) for size in pieces[:5]) + (" ..." if len(pieces) > 5 else "")
         text = f"{garment.source}: {len(pieces)} separate pieces ({sizes} vertices); they are taken as one garment"
-        found.append(MeshFault("pieces", text, False))
+        faults.append(MeshFault("pieces", text, False))
     if not used.all():
         text = f"{garment.source}: {(~used).sum()} vertices belong to no triangle (vertex {int(np.argmin(used))} first)"
-        found.append(MeshFault("unused", f"{text}; nothing can be recovered for them: delete them", False))
+        faults.append(MeshFault("unused", f"{text}; nothing can be recovered for them: delete them", False))
     halves = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     _, uses = np.unique(halves[halves[:, 0] != halves[:, 1]], axis=0, return_counts=True)
     if (uses > 2).any():
         text = (
             f"{garment.source}: {(uses > 2).sum()} edges have three or more triangles; cloth has one or two"
         )
-        found.append(MeshFault("edges", text, False))
-    return found
+        faults.append(MeshFault("edges", text, False))
+    return faults
 
 
 def _pieces(faces: np.ndarray, count: int, used: np.ndarray) -> list[int]:

@@ -19,7 +19,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     Raises:
         InputError: no such file, a bad clip, or no split given for npz files.
     """
-    found = []
+    import_jobs = []
     for path in paths:
         for ref in clip_refs(path):
             split = options.split or ref.split
@@ -31,8 +31,8 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
                 ref.load()
             in_folder = ref.split is None and path.is_dir()
             files = tuple(sorted(path.glob(f"{ref.name}.npz"))) if in_folder else (path,)
-            found.append(Job(_name(ref.name, options.garment), split, files, ref.load, marked=False))
-    return found
+            import_jobs.append(Job(_name(ref.name, options.garment), split, files, ref.load, marked=False))
+    return import_jobs
 
 
 def _name(name: str, garment: str | None) -> str:

@@ -50,7 +50,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     """
     model = cache(lambda gender: smpl_body(find_smpl(options.smpl, gender, needed_by="cloth3d")))
     model(options.gender or "female")  # before any work
-    found = []
+    import_jobs = []
     for path in paths:
         samples = (
             [path]
@@ -72,8 +72,8 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
 
                 place = sample.resolve().name
                 name = valid_clip_name(options.garment or f"{file.stem}_{place}", place)
-                found.append(Job(name, options.split or "train", (file, sample / "info.mat"), read))
-    return found
+                import_jobs.append(Job(name, options.split or "train", (file, sample / "info.mat"), read))
+    return import_jobs
 
 
 def _clip(path: Path, model_of: Any, options: ImportOptions) -> Clip:

@@ -47,7 +47,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     Raises:
         InputError: no such folders, or no sequences in them.
     """
-    found = []
+    import_jobs = []
     for path in paths:
         folders = [path] if (path / "pose").is_dir() else natural_sort(p.parent for p in path.glob("*/pose"))
         if not folders:
@@ -55,8 +55,8 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
                 f"{path}: no folder of the TailorNet data set, such as skirt_female with pose/ in it"
             )
         for folder in folders:
-            found += _jobs_of(folder, options)
-    return found
+            import_jobs += _jobs_of(folder, options)
+    return import_jobs
 
 
 def _jobs_of(folder: Path, options: ImportOptions) -> list[Job]:
@@ -64,7 +64,7 @@ def _jobs_of(folder: Path, options: ImportOptions) -> list[Job]:
     if match is None:
         raise InputError(f"{folder}: the folder's name must be <class>_<gender>, such as t-shirt_female")
     garment = cache(lambda: _Garment(folder, match[1], match[2], options))
-    found = []
+    import_jobs = []
     for poses in natural_sort((folder / "pose").glob("*/poses_*.npz")):
         number, pivot = poses.stem.removeprefix("poses_"), poses.parent.name
         moved = poses.with_name(f"unposed_{number}.npy")
@@ -76,13 +76,13 @@ def _jobs_of(folder: Path, options: ImportOptions) -> list[Job]:
 
         name = valid_clip_name(options.garment or folder.resolve().name, f"{pivot}_{number}")
         split = options.split or ("test" if number in TEST else "train")
-        found.append(Job(name, split, (poses, moved), read))
-    if not found:
+        import_jobs.append(Job(name, split, (poses, moved), read))
+    if not import_jobs:
         raise InputError(
             f"{folder}: no sequences in it; wanted are pose/*/poses_NNN.npz with unposed_NNN.npy beside"
         )
     garment()
-    return found
+    return import_jobs
 
 
 class _Garment:

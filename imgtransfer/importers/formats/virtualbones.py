@@ -52,7 +52,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     model = cache(
         lambda: smpl_body(find_smpl(options.smpl, options.gender or "female", needed_by="virtualbones"))
     )
-    found = []
+    import_jobs = []
     for path in paths:
         folders = (
             [path]
@@ -74,9 +74,9 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
                     return _clip(file, template, model(), options)
 
                 name = valid_clip_name(options.garment or folder.resolve().name, file.stem)
-                found.append(Job(name, options.split or "train", (file, folder / "template.obj"), read))
+                import_jobs.append(Job(name, options.split or "train", (file, folder / "template.obj"), read))
     model()
-    return found
+    return import_jobs
 
 
 def _template(path: Path) -> Mesh:
@@ -129,8 +129,8 @@ def _clip(path: Path, template: Mesh, model: SmplModel, options: ImportOptions) 
 def _unit(path: Path, moved: np.ndarray, template: Mesh) -> float:
     """Metres a unit of the simulated vertices, a power of ten, by the lengths of the edges."""
     rest = np.median(edge_lengths(template.vertices, template.edges))
-    found = np.median(edge_lengths(moved[0], template.edges))
-    ratio = float(rest / found) if found > 1e-9 else 0.0
+    typical = np.median(edge_lengths(moved[0], template.edges))
+    ratio = float(rest / typical) if typical > 1e-9 else 0.0
     unit = 10.0 ** round(np.log10(ratio)) if ratio > 0 else 0.0
     if not 0.7 < ratio / max(unit, 1e-9) < 1.4:
         raise InputError(

@@ -47,7 +47,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     files = [file for path in paths for file in (_pickles(path) if path.is_dir() else [path])]
     model = cache(lambda: smpl_body(find_smpl(options.smpl, options.gender or "female", needed_by="vto")))
     template = cache(lambda garment: load_mesh(_template_file(options.template, garment)))
-    found = []
+    import_jobs = []
     for file in files:
         garment, _, clip = file.stem.partition("_")
         sequence = "_".join(clip.split("_")[-2:])
@@ -57,9 +57,11 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
         def read(file: Path = file, garment: str = garment, sequence: str = sequence) -> Clip:
             return _clip(file, template(garment), model(), sequence, options)
 
-        found.append(Job(valid_clip_name(options.garment or garment, clip or garment), split, (file,), read))
+        import_jobs.append(
+            Job(valid_clip_name(options.garment or garment, clip or garment), split, (file,), read)
+        )
     model()
-    return found
+    return import_jobs
 
 
 def _pickles(folder: Path) -> list[Path]:
