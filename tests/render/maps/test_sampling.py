@@ -89,13 +89,13 @@ def test_one_pixel_alone_cannot_be_corrected():
 
 
 def test_slopes_of_a_tilted_face_by_hand():
-    """From 1 m to 2 m over 5 pixels upwards: at 1 m depth 1 / z falls by 0.1 a pixel, so z rises by 0.1 m."""
+    """From 2 m to 4 m over 5 pixels upwards 1 / z falls by 0.05 a pixel: at 2 m z rises by 2² · 0.05 = 0.2 m."""
     camera = Camera("front", np.eye(4), perspective(np.array([1.5, 1.0]), near=0.1, far=100.0), (20, 30))
-    vertices = np.array([[0.0, 0, -1], [1, 0, -1], [0, 1, -2], [0, 0, -3], [0, 0, -5]])
+    vertices = np.array([[0.0, 0, -2], [1, 0, -2], [0, 2, -4], [0, 0, -3], [0, 0, -5]])
     mesh = Mesh(vertices, np.array([[0, 1, 2], [0, 3, 4]]))  # the second one edge-on
     of_face, of_vertex = _slopes(mesh, camera)
-    np.testing.assert_allclose(of_face, [0.1, 0])
-    np.testing.assert_allclose(of_vertex, [0.1, 0.1, 0.1, 0, 0])
+    np.testing.assert_allclose(of_face, [0.2, 0])
+    np.testing.assert_allclose(of_vertex, [0.2, 0.2, 0.2, 0, 0])
 
 
 @pytest.mark.parametrize("mesh", [two_quads(), sphere(around=12, along=9)], ids=["quads", "sphere"])

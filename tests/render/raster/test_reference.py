@@ -40,7 +40,8 @@ def test_points_on_edges_and_on_the_corner_of_a_fan_belong_to_one_face_each(turn
 
 def test_a_triangle_without_area_covers_nothing():
     line = np.array([[[0.0, 0], [2, 2], [4, 4]]])
-    assert not covers(line, np.array([[1.0, 1.5]])).any()
+    for point in ([1.0, 1.5], [1.0, 0.5], [1.0, 1.0], [2.0, 2.0], [9.0, 9.0]):
+        assert not covers(line, np.array([point])).any()
 
 
 @pytest.mark.parametrize("layers", [1, 3])
