@@ -25,11 +25,16 @@ class Factor:
             torch.from_numpy(index.astype(np.int32)).to(device) for index in (entries.row, entries.col)
         )
         values = torch.from_numpy(entries.data.astype(np.float64)).to(device)
+        self._count = matrix.shape[0]
         self._solver = solver(matrix.shape[0], rows, columns, values, cholespy.MatrixType.COO)
 
     def solve(self, right: torch.Tensor) -> torch.Tensor:
-        """(T, N, 3) to (T, N, 3), device and dtype of the factor."""
+        """(T, N, 3) to (T, N, 3), device and dtype of the factor; ValueError for another N."""
         frames, count, _ = right.shape
+        if count != self._count:  # the library would read beyond the end of memory
+            raise ValueError(f"a factor of {self._count} vertices solves for as many, found {count}")
+        if not frames:  # without columns, it would end the process
+            return torch.empty_like(right)
         parts = []
         for part in right.transpose(0, 1).reshape(count, 3 * frames).split(_COLUMNS, dim=1):
             columns = part.contiguous()
