@@ -451,11 +451,6 @@ EXTRAS: dict[str, tuple[str, list[object], str]] = {
         "simulate needs the package newton",
     ),
     "gpytoolbox": ("gpytoolbox", ["simulate", "simulation.yaml", "--out", "out"], "the package gpytoolbox"),
-    "bvhio": (
-        "bvhio",
-        ["simulate", "turn.bvh", "--out", "out"],
-        "turn.bvh: reading BVH needs the package bvhio",
-    ),
     "ray": ("ray", ["fuse", "p", "--ray", "auto"], "imgtransfer[cluster]"),
     "aiohttp": ("aiohttp", ["inspect", "http://127.0.0.1:9/set"], "imgtransfer[remote]"),
 }

@@ -101,7 +101,10 @@ def test_what_is_missing_is_named_with_what_there_is():
     assert message.startswith(
         "robot.bvh: the skeleton has no joint for left_knee, right_wrist; it has Hips, Spine,"
     )
-    assert message.endswith("Claw. Names as in CMU, Mixamo or SMPL skeletons are wanted")
+    assert message.endswith(
+        "Claw. Names as in CMU, Mixamo or SMPL skeletons are wanted, or --joints FILE that says which they are "
+        "(left_knee: Bone07)"
+    )
 
 
 def test_arms_that_hang_from_the_pelvis_have_no_spine():
