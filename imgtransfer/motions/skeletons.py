@@ -157,6 +157,8 @@ def _spine(joints: dict[str, int], parents: Sequence[int]) -> dict[str, int]:
 
     chains = [above(joints[joint]) for joint in ("left_shoulder", "right_shoulder", "head")]
     shared = [numbers[0] for numbers in zip(*chains, strict=False) if len(set(numbers)) == 1]
+    # A biped of 3ds Max has its collars at the neck.
+    shared = [number for number in shared if number != joints.get("neck")] or shared
     if not shared:
         return {}
     spine = {"spine1": shared[0], "spine3": shared[-1]}
