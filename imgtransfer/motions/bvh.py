@@ -69,7 +69,7 @@ def read_bvh(
     axes = own if at_rest else np.eye(3)
     up = up_of_world(
         own.T @ rotations[:, numbers["pelvis"], :, 1].mean(axis=0),
-        place.mean(axis=0) / leg,
+        place / leg,
         axes.T @ _Y,
         up_axis,
         path,

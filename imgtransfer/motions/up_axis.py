@@ -13,6 +13,7 @@ UpAxis = Literal["auto", "y", "z"]
 CLEAR = 0.5  # cosine from which on a trunk is upright along an axis, on average over the frames
 # Heights of the pelvis over the world's origin, in legs: of somebody who stands, and of somebody who lies there.
 _STANDING, _LYING = (0.5, 1.6), (0.05, 0.5)
+_STILL = 0.3  # legs by which the height of somebody who lies changes at most; a walk is longer
 
 
 def unclear(path: Path) -> InputError:
@@ -33,7 +34,7 @@ def up_of_world(
 
     Args:
         trunk: (3,) mean over the frames of the unit vector up along the trunk.
-        pelvis: (3,) mean position of the pelvis, in lengths of a leg.
+        pelvis: (T, 3) positions of the pelvis, in lengths of a leg.
         usual: (3,) the axis that is up in such files.
         up_axis: what the user says; "auto" is nothing.
         path: of the file, for messages.
@@ -50,8 +51,9 @@ def up_of_world(
         raise unclear(path)
     if abs(trunk[axis]) < CLEAR or along @ usual > 0:
         return usual
-    standing = _STANDING[0] < pelvis @ along < _STANDING[1]
-    lying = _LYING[0] <= pelvis @ usual < _LYING[1]
+    height, lying_height = pelvis @ along, pelvis @ usual
+    standing = _STANDING[0] < height.mean() < _STANDING[1]
+    lying = _LYING[0] <= lying_height.mean() < _LYING[1] and np.ptp(lying_height) < _STILL
     if standing == lying:
         raise unclear(path)
     return along if standing else usual
