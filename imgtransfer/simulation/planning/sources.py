@@ -107,7 +107,7 @@ def has_body(folder: Path) -> bool:
 
 def _motion_file(path: Path) -> Path:
     suffix = path.suffix.lower()
-    if suffix in MOTIONS:
+    if suffix in MOTIONS and path.exists():
         return path
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; {_WANTED}")

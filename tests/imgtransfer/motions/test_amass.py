@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imgtransfer.motions.files import load_motion
+from imgtransfer.motions.files import load_motion, read_motion
 from render import InputError
 from tests.helpers.amass_files import write_amass
 
@@ -85,3 +85,27 @@ def test_a_body_that_lies_shows_no_up_axis(tmp_path):
     with pytest.raises(InputError, match="up_axis"):
         load_motion(path)
     assert len(load_motion(path, up_axis="y").poses) == 31
+
+
+def test_files_of_smpl_x_are_read_and_other_models_refused(tmp_path):
+    ours = load_motion(write_amass(tmp_path / "a.npz"))
+    named = {"mocap_framerate": None, "mocap_frame_rate": np.float64(60), "gender": np.array("neutral")}
+    columns = np.zeros((61, 165))
+    columns[:, 3 * 18 + 1] = 0.8 * np.arange(61) / 60
+    path = write_amass(
+        tmp_path / "a_stageii.npz", poses=columns, surface_model_type=np.array("smplx"), **named
+    )
+    np.testing.assert_allclose(load_motion(path).poses, ours.poses, atol=1e-6)
+    parts = {"poses": None, "root_orient": columns[:, :3], "pose_body": columns[:, 3:66]}
+    np.testing.assert_allclose(
+        load_motion(write_amass(tmp_path / "b.npz", **parts)).poses, ours.poses, atol=1e-6
+    )
+    with pytest.raises(InputError, match=r"root_orient and pose_body .* found \(61, 3\) and \(60, 63\)"):
+        load_motion(write_amass(tmp_path / "c.npz", **parts | {"pose_body": columns[:60, 3:66]}))
+    with pytest.raises(InputError, match="surface_model_type is 'animal_dog'; motions of smpl, smplh"):
+        load_motion(write_amass(tmp_path / "dog.npz", surface_model_type=np.array("animal_dog")))
+
+
+def test_the_summary_names_the_axis_that_is_up(tmp_path):
+    summary = read_motion(write_amass(tmp_path / "a.npz"))[1]
+    assert str(summary) == f"{tmp_path / 'a.npz'}: 61 frames at 60 a second; y up; in metres"
