@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from imgtransfer.motions.amass import read_amass
@@ -15,7 +13,6 @@ from imgtransfer.motions.up_axis import UpAxis
 from render import InputError
 
 SUFFIXES = (".npz", ".bvh")
-_LOG = logging.getLogger(__name__)
 
 
 def load_motion(
@@ -24,7 +21,6 @@ def load_motion(
     fps: float = 30.0,
     up_axis: UpAxis = "auto",
     joints: Mapping[str, str] | None = None,
-    name: str | None = None,
 ) -> Motion:
     """Read an AMASS-style npz or a BVH file, at another frame rate.
 
@@ -33,13 +29,11 @@ def load_motion(
         fps: of the result, frames a second; rotations are resampled spherically, the path linearly.
         up_axis: of the file's world; "auto" is told by how the body stands.
         joints: a BVH skeleton's names of some of SMPL's joints, where its names do not tell.
-        name: of the motion; None is the file's without suffix.
 
     Raises:
         InputError: another kind of file, or one that cannot be read.
     """
-    motion = read_motion(path, fps=fps, up_axis=up_axis, joints=joints)[0]
-    return motion if name is None else replace(motion, name=name)
+    return read_motion(path, fps=fps, up_axis=up_axis, joints=joints)[0]
 
 
 def read_motion(
@@ -49,7 +43,7 @@ def read_motion(
     up_axis: UpAxis = "auto",
     joints: Mapping[str, str] | None = None,
 ) -> tuple[Motion, MotionSummary]:
-    """As `load_motion`, and what was taken from the file, which is logged too.
+    """As `load_motion`, and what was taken from the file.
 
     Raises:
         InputError: another kind of file, or one that cannot be read.
@@ -58,8 +52,5 @@ def read_motion(
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: a motion file is wanted, {' or '.join(SUFFIXES)}")
     if suffix == ".bvh":
-        motion, summary = read_bvh(path, fps=fps, up_axis=up_axis, joints=joints)
-    else:
-        motion, summary = read_amass(path, fps=fps, up_axis=up_axis)
-    _LOG.info("%s", summary)
-    return motion, summary
+        return read_bvh(path, fps=fps, up_axis=up_axis, joints=joints)
+    return read_amass(path, fps=fps, up_axis=up_axis)

@@ -83,7 +83,7 @@ def resample(motion: Motion, fps: float) -> Motion:
     if motion.seconds * fps + 1e-6 < 1:
         raise InputError(
             f"{motion.name}: {len(motion.poses)} frames at {motion.fps:g} a second are {motion.seconds:.3g} s long, "
-            f"less than one frame at {fps:g}; a longer motion is wanted, or --set fps={math.ceil(motion.fps)}"
+            f"less than one frame at {fps:g}; a longer motion or an `fps` of {math.ceil(motion.fps)} is wanted"
         )
     # Half a millionth of a frame of tolerance keeps a last frame that only rounding would drop.
     times = np.arange(int(motion.seconds * fps + 1e-6) + 1) / fps

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from imgtransfer.bodies.smpl import JOINTS
 from imgtransfer.motions.joint_names import plain_names
-from render import InputError
+from render import InputError, Option
 
 # Names without side, lower case, letters and digits only; the first that the skeleton has and no joint before took.
 # CMU and Mixamo call the ankle "foot" and the collar "shoulder", which in SMPL are the toes and the shoulder.
@@ -81,7 +81,8 @@ def named_joints(
     if missing:
         raise InputError(
             f"{source}: the skeleton has no joint for {', '.join(missing)}; it has {', '.join(names)}. Names as in "
-            "CMU, Mixamo or SMPL skeletons are wanted, or --joints FILE that says which they are (left_knee: Bone07)"
+            f"CMU, Mixamo or SMPL skeletons are wanted, or {Option('joints')} that says which they are "
+            "(left_knee: Bone07)"
         )
     _check_chains(joints, names, parents, source)
     return joints
@@ -107,7 +108,7 @@ def _given_joints(names: Sequence[str], source: str, given: Mapping[str, str]) -
     joints: dict[str, int] = {}
     for joint, name in given.items():
         if joint not in JOINTS:
-            raise InputError(f"--joints: {joint} is none of SMPL's joints, {', '.join(JOINTS)}")
+            raise InputError(f"{Option('joints')}: {joint} is none of SMPL's joints, {', '.join(JOINTS)}")
         if name not in names:
             raise InputError(
                 f"{source}: joints: {joint} is {name!r}, which the skeleton lacks; it has {', '.join(names)}"
@@ -115,7 +116,7 @@ def _given_joints(names: Sequence[str], source: str, given: Mapping[str, str]) -
         number = list(names).index(name)
         if number in joints.values():
             other = next(other for other, taken in joints.items() if taken == number)
-            raise InputError(f"{source}: --joints says that both {other} and {joint} are {name!r}")
+            raise InputError(f"{source}: joints: both {other} and {joint} are {name!r}")
         joints[joint] = number
     return joints
 
@@ -178,5 +179,5 @@ def _check_chains(joints: dict[str, int], names: Sequence[str], parents: Sequenc
                 if above not in ancestors(below, parents)[1:]:
                     raise InputError(
                         f"{source}: {side}_{lower} was taken to be {names[below]}, which does not hang from "
-                        f"{names[above]}, taken to be {side}_{upper}; say by --joints FILE which they are"
+                        f"{names[above]}, taken to be {side}_{upper}; say by {Option('joints')} which they are"
                     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,15 +32,33 @@ class MotionSummary:
     given: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        parts = [
-            f"{self.frames} frames at {self.fps:.6g} a second",
-            f"{self.up_axis} up",
-            "in metres" if self.unit == 1 else f"a unit is {self.unit:.4g} m",
-        ]
+        return f"{self.path}: {self.frames} frames at {self.fps:.6g} a second; {self.manner()}"
+
+    def manner(self) -> str:
+        """How the file was read, which files of one tool have in common."""
+        parts = [f"{self.up_axis} up", "in metres" if self.unit == 1 else f"a unit is {self.unit:.4g} m"]
         if self.rest:
             parts.append(self.rest)
         if self.joints:
-            found = ", ".join(f"{joint} = {name}" for joint, name in self.joints.items())
-            by = "by name" if not self.given else f"by name, {', '.join(self.given)} by --joints"
-            parts.append(f"joints {by}: {found}")
-        return f"{self.path}: {'; '.join(parts)}"
+            named = ", ".join(f"{joint} = {name}" for joint, name in self.joints.items())
+            by = "by name" if not self.given else f"by name, {', '.join(self.given)} as given"
+            parts.append(f"joints {by}: {named}")
+        return "; ".join(parts)
+
+
+def summary_lines(summaries: Sequence[MotionSummary]) -> list[str]:
+    """One line for the files that were read in the same manner, so that a data set of thousands has few."""
+    groups: dict[str, list[MotionSummary]] = {}
+    for summary in summaries:
+        groups.setdefault(summary.manner(), []).append(summary)
+    lines = []
+    for manner, files in groups.items():
+        if len(files) == 1:
+            lines.append(str(files[0]))
+            continue
+        rates = ", ".join(f"{rate:.6g}" for rate in sorted({summary.fps for summary in files}))
+        frames = sum(summary.frames for summary in files)
+        lines.append(
+            f"{files[0].path} and {len(files) - 1} more: {frames} frames at {rates} a second; {manner}"
+        )
+    return lines

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from render import InputError
+from render import InputError, Option
 
 UpAxis = Literal["auto", "y", "z"]
 CLEAR = 0.5  # cosine from which on a trunk is upright along an axis, on average over the frames
@@ -20,7 +20,7 @@ def unclear(path: Path) -> InputError:
     """The refusal of a file that does not show which axis is up."""
     return InputError(
         f"{path}: the body lies or turns over, so the file does not show which axis is up; say so by "
-        "--set files.up_axis=y (or z)"
+        f"{Option('up_axis', 'y')} or {Option('up_axis', 'z')}"
     )
 
 

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import sys
+import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 from imgtransfer.motions.amass import holds_motion
 from imgtransfer.motions.check import motion_faults
-from imgtransfer.motions.files import load_motion
+from imgtransfer.motions.files import read_motion
 from imgtransfer.motions.motion import Motion
+from imgtransfer.motions.summary import MotionSummary, summary_lines
 from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.planning.sources import MotionFile
 from render import InputError
+
+_log = logging.getLogger(__name__)
 
 
 def read_motions(files: Sequence[MotionFile], config: SimulateConfig) -> list[tuple[Motion, str]]:
     """Motions, called as the files' clips shall be, and the names of their files without suffix.
 
     An npz in a given folder that holds no poses, as a subject's shape.npz, is no motion file; all of them are noted
-    in one line on stderr. A file that cannot be read, or whose motion no body can do, is left out and named there.
+    in one line of the log. A file that cannot be read, or whose motion no body can do, is left out and named there.
 
     Raises:
         InputError: no file can be read; the message is that of the first.
@@ -27,43 +31,49 @@ def read_motions(files: Sequence[MotionFile], config: SimulateConfig) -> list[tu
     refused: list[tuple[MotionFile, InputError]] = []
     motions: list[tuple[Motion, str]] = []
     of_files = config.files
-    able = 0
+    summaries: list[MotionSummary] = []
     for file in files:
         try:
             if not file.listed and file.path.suffix.lower() == ".npz" and not holds_motion(file.path):
                 passed.append(file)
                 continue
-            motion = load_motion(
-                file.path, fps=config.fps, up_axis=of_files.up_axis, joints=of_files.joints, name=file.name
+            motion, summary = read_motion(
+                file.path, fps=config.fps, up_axis=of_files.up_axis, joints=of_files.joints
             )
         except InputError as error:
             refused.append((file, error))
             continue
-        able += 1
+        summaries.append(summary)
         faults = motion_faults(motion, turning=of_files.turning, path_speed=of_files.path_speed)
         if faults:
-            print(f"left out {file.path}: {'; '.join(faults)}", file=sys.stderr)
+            _log.warning("left out %s: %s", file.path, "; ".join(faults))
             continue
-        motions.append((motion, file.path.stem))
-    _say(passed, refused, able)
+        motions.append((replace(motion, name=file.name), file.path.stem))
+    _say(passed, refused, summaries)
     return motions
 
 
-def _say(passed: Sequence[MotionFile], refused: Sequence[tuple[MotionFile, InputError]], able: int) -> None:
-    """Name what was not read.
+def _say(
+    passed: Sequence[MotionFile],
+    refused: Sequence[tuple[MotionFile, InputError]],
+    summaries: Sequence[MotionSummary],
+) -> None:
+    """Say in the log what was read and how, and what was not.
 
     Raises:
         InputError: nothing was.
     """
-    if refused and not able:
+    if refused and not summaries:
         raise refused[0][1]
-    if passed and not able:
+    if passed and not summaries:
         raise InputError(
             f"{passed[0].path}: no poses in it, nor in any other file given; AMASS-style npz with poses, trans and "
             "mocap_framerate are wanted, or BVH"
         )
+    for line in summary_lines(summaries):
+        _log.info("motion summary: %s", line)
     if passed:
         some = ", ".join(str(file.path) for file in passed[:3]) + (", ..." if len(passed) > 3 else "")
-        print(f"note: {len(passed)} npz files without poses are passed over ({some})", file=sys.stderr)
+        _log.warning("note: %d npz files without poses are passed over (%s)", len(passed), some)
     for _, error in refused:
-        print(f"left out {error}", file=sys.stderr)
+        _log.warning("left out %s", error)

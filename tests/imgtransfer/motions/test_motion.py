@@ -70,7 +70,7 @@ def test_the_last_frame_that_lies_within_is_kept(frames, fps, wanted):
 
 def test_a_rate_that_leaves_one_frame_is_refused():
     with pytest.raises(
-        InputError, match="less than one frame at 10; a longer motion is wanted, or --set fps=30"
+        InputError, match="less than one frame at 10; a longer motion or an `fps` of 30 is wanted"
     ):
         resample(still(frames=2, fps=30.0), 10.0)
 

@@ -102,7 +102,7 @@ def test_what_is_missing_is_named_with_what_there_is():
         "robot.bvh: the skeleton has no joint for left_knee, right_wrist; it has Hips, Spine,"
     )
     assert message.endswith(
-        "Claw. Names as in CMU, Mixamo or SMPL skeletons are wanted, or --joints FILE that says which they are "
+        "Claw. Names as in CMU, Mixamo or SMPL skeletons are wanted, or joints that says which they are "
         "(left_knee: Bone07)"
     )
 

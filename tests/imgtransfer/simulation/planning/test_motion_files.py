@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from imgtransfer.running.messages import as_flag
 from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.motion_config import FileMotions
 from imgtransfer.simulation.planning.motion_files import read_motions
 from imgtransfer.simulation.planning.sources import MotionFile, sorted_sources
 from render import InputError
+from render.options import options_named
 from tests.helpers.amass_files import write_amass
 
 LYING = np.zeros((61, 66))
@@ -28,16 +30,16 @@ def read(*paths, **settings):
     return [motion.name for motion, _ in read_motions(sorted_sources(paths)[0], SimulateConfig(**settings))]
 
 
-def test_a_subjects_folder_is_read_without_its_shape_with_one_note(tmp_path, capsys):
+def test_a_subjects_folder_is_read_without_its_shape_with_one_note(tmp_path, caplog):
     motion(tmp_path / "subject", "walk_poses.npz")
     shape(tmp_path / "subject")
     assert read(tmp_path / "subject") == ["walk_poses"]
-    assert capsys.readouterr().err == (
-        f"note: 1 npz files without poses are passed over ({tmp_path / 'subject/shape.npz'})\n"
-    )
+    assert caplog.messages == [
+        f"note: 1 npz files without poses are passed over ({tmp_path / 'subject/shape.npz'})"
+    ]
 
 
-def test_folders_are_searched_and_names_keep_subjects_apart(tmp_path, capsys):
+def test_folders_are_searched_and_names_keep_subjects_apart(tmp_path, caplog):
     for subject in ("01", "02"):
         motion(tmp_path / "AMASS/CMU" / subject, "walk_poses.npz")
         shape(tmp_path / "AMASS/CMU" / subject)
@@ -51,17 +53,18 @@ def test_folders_are_searched_and_names_keep_subjects_apart(tmp_path, capsys):
         "CMU_01_walk_poses",
         "CMU_02_walk_poses",
     ]
-    assert "2 npz files without poses" in capsys.readouterr().err
+    assert "2 npz files without poses" in caplog.text
 
 
-def test_a_motion_that_cannot_be_read_is_left_out_and_named_with_a_flag_that_there_is(tmp_path, capsys):
+def test_a_motion_that_cannot_be_read_is_left_out_and_named_with_a_flag_that_there_is(tmp_path, caplog):
     motion(tmp_path, "walk.npz")
     motion(tmp_path, "lie.npz", poses=LYING)
     (tmp_path / "broken.bvh").write_text("HIERARCHY\n")
-    assert read(tmp_path) == ["walk"]
-    said = capsys.readouterr().err
+    with options_named(as_flag):
+        assert read(tmp_path) == ["walk"]
+    said = caplog.text
     assert f"left out {tmp_path / 'lie.npz'}: the body lies" in said
-    assert "--set files.up_axis=y (or z)" in said
+    assert "say so by --set files.up_axis=y or --set files.up_axis=z" in said
     assert f"left out {tmp_path / 'broken.bvh'}: not a whole BVH file" in said
     # As many as there are, when nothing can be read.
     (tmp_path / "walk.npz").unlink()
@@ -89,3 +92,16 @@ def test_splits_go_by_a_files_own_name_or_its_clips(tmp_path):
 def test_a_named_file_is_called_by_its_name_alone(tmp_path):
     path = motion(tmp_path / "a b", "walk (1).npz")
     assert sorted_sources([path]) == ([MotionFile(path, "walk-1", listed=True)], [])
+
+
+def test_files_that_were_read_alike_have_one_line_of_summary(tmp_path, caplog):
+    motion(tmp_path, "a.npz")
+    motion(tmp_path, "b.npz")
+    motion(tmp_path, "c.npz", mocap_framerate=np.float64(120))
+    lying = motion(tmp_path, "d.npz", poses=LYING)
+    with caplog.at_level("INFO", logger="imgtransfer"):
+        read(tmp_path)
+    assert caplog.messages[0] == (
+        f"motion summary: {tmp_path / 'a.npz'} and 2 more: 183 frames at 60, 120 a second; y up; in metres"
+    )
+    assert caplog.messages[1].startswith(f"left out {lying}: ")
