@@ -47,9 +47,13 @@ def own_axes(rest: np.ndarray, joints: Mapping[str, int], path: Path) -> np.ndar
 def stands(rest: np.ndarray, joints: Mapping[str, int]) -> bool:
     """Whether (J, 3) positions in our axes are those of somebody who stands: legs down, arms neither up nor crossed.
 
-    Joints that are oriented along their bones (LaFAN1, Rokoko, Bandai-Namco) have all limbs along the spine where
-    none is turned.
+    The shoulders must be across the body as the hips are.
+
+    Joints that are oriented along their bones (LaFAN1, Rokoko, Bandai-Namco) have limbs along the spine where none is
+    turned.
     """
+    if _unit(rest[joints["left_shoulder"]] - rest[joints["right_shoulder"]])[0] < 0.5:
+        return False
     for side, outwards in (("left", 1.0), ("right", -1.0)):
         leg = _unit(rest[joints[f"{side}_ankle"]] - rest[joints[f"{side}_hip"]])
         arm = _unit(rest[joints[f"{side}_wrist"]] - rest[joints[f"{side}_shoulder"]])
@@ -63,9 +67,10 @@ def standing_turns(
 ) -> dict[str, np.ndarray]:
     """(3, 3) turn of each SMPL joint from where no joint is turned to the T-pose, for joints along their bones.
 
-    The trunk rests where it is not turned. A limb is straight where it is not turned, as it is in the T-pose; how it
-    hangs from the trunk is taken from the frame in which it is nearest to the T-pose, as the turn by right angles
-    that is next to it, if one is. The foot rests as it does in the frame in which it is flattest against the shin.
+    The trunk rests where it is turned by right angles, or not at all, nearest to what it mostly is: chests may have
+    other axes than hips. A limb is straight where it is not turned, as it is in the T-pose; how it hangs from the
+    trunk is taken from the frame in which it is nearest to the T-pose, as the turn by right angles that is next to
+    it, if one is. The foot rests as it does in the frame in which it is flattest against the shin.
 
     Args:
         rest: (J, 3) positions where no joint is turned. rotations: (T, J, 3, 3) from there. Both in our axes.
@@ -79,19 +84,30 @@ def standing_turns(
         while parent and parent not in joints:
             parent = JOINTS[PARENTS[JOINTS.index(parent)]]
         turns[name], upright[name] = turns.get(parent, np.eye(3)), upright.get(parent, np.eye(3))
+        if not parent or name not in joints:
+            continue
         side, _, kind = name.partition("_")
+        against = np.swapaxes(rotations[:, joints[parent]], 1, 2) @ rotations[:, joints[name]]
+        if not kind:
+            turns[name] = upright[name] = turns[name] @ _by_right_angles(_mean(against), otherwise=np.eye(3))
+            continue
         segment = _bone(rest, joints, side, kind)
-        if name not in joints or segment is None:
+        if segment is None:
             continue
         bone, wanted = segment
-        if _unit(turns[name] @ bone) @ wanted > _STRAIGHT:
+        of_trunk = "_" not in parent
+        if not of_trunk and _unit(turns[name] @ bone) @ wanted > _STRAIGHT:
             continue
-        against = np.swapaxes(rotations[:, joints[parent]], 1, 2) @ rotations[:, joints[name]]
         nearest = upright[name] @ against[((turns[name] @ against @ bone) @ wanted).argmax()]
-        turn = nearest if kind == "ankle" else _by_right_angles(nearest)
+        turn = nearest if kind == "ankle" else _by_right_angles(nearest, otherwise=nearest)
         upright[name] = turn
         turns[name] = turn if kind in _BETWEEN else shortest_turn(turn @ bone, wanted) @ turn
     return turns
+
+
+def _mean(rotations: np.ndarray) -> np.ndarray:
+    """(3, 3) the rotation that is nearest to (T, 3, 3) rotations."""
+    return Rotation.from_matrix(rotations).mean().as_matrix()
 
 
 def _bone(
@@ -136,8 +152,8 @@ def shortest_turn(given: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
 
 
-def _by_right_angles(turn: np.ndarray) -> np.ndarray:
-    """The nearest of the 24 rotations that map axes to axes, or `turn` itself where none is within 30 degrees."""
+def _by_right_angles(turn: np.ndarray, *, otherwise: np.ndarray) -> np.ndarray:
+    """The nearest of the 24 rotations that map axes to axes; `otherwise` where none is within 30 degrees."""
     candidates = [
         np.eye(3)[list(order)] * signs
         for order in itertools.permutations(range(3))
@@ -145,7 +161,7 @@ def _by_right_angles(turn: np.ndarray) -> np.ndarray:
     ]
     best = max((c for c in candidates if np.linalg.det(c) > 0), key=lambda c: float((c * turn).sum()))
     angle = np.arccos(np.clip(((best * turn).sum() - 1) / 2, -1, 1))
-    return best if angle < _NEAR else turn
+    return best if angle < _NEAR else otherwise
 
 
 def leg_length(rest: np.ndarray, joints: Mapping[str, int]) -> float:

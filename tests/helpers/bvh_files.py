@@ -72,6 +72,17 @@ def along_bones():
     return found
 
 
+def along_bones_mirrored():
+    """The same as Bandai-Namco has them: the chest's z to the left, and x against the bone on the right side."""
+    found = along_bones()
+    for joint in ("spine1", "spine2", "spine3", "neck", "head"):
+        found[JOINTS.index(joint)] = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    for number, joint in enumerate(JOINTS):
+        if joint.startswith("right_"):
+            found[number] = found[JOINTS.index(joint.replace("right", "left"))] @ np.diag([-1.0, 1, -1])
+    return found
+
+
 def write_bvh(
     path, motion, names, *, axes=Y_UP, rest=None, order="ZYX", leave_out=(), world=None, oriented=None
 ):
