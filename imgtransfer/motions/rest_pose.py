@@ -52,7 +52,8 @@ def stands(rest: np.ndarray, joints: Mapping[str, int]) -> bool:
     Joints that are oriented along their bones (LaFAN1, Rokoko, Bandai-Namco) have limbs along the spine where none is
     turned.
     """
-    if _unit(rest[joints["left_shoulder"]] - rest[joints["right_shoulder"]])[0] < 0.5:
+    shoulders = rest[joints["left_shoulder"]] - rest[joints["right_shoulder"]]
+    if shoulders.any() and _unit(shoulders)[0] < 0.5:
         return False
     for side, outwards in (("left", 1.0), ("right", -1.0)):
         leg = _unit(rest[joints[f"{side}_ankle"]] - rest[joints[f"{side}_hip"]])
