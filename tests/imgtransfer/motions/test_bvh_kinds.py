@@ -67,14 +67,10 @@ def test_a_moving_skeleton_of_joints_along_their_bones_gives_back_its_limbs_and_
     theirs, ours = global_rotations(motion.poses), global_rotations(read.poses)
     angle = Rotation.from_matrix((np.swapaxes(theirs, 2, 3) @ ours).reshape(-1, 3, 3)).magnitude()
     worst = dict(zip(JOINTS, np.degrees(angle.reshape(len(ours), 22)).max(axis=0), strict=True))
-    for joint in ("pelvis", "spine1", "spine2", "spine3", "neck", "head"):
-        assert worst[joint] < 0.01
-    for side in ("left", "right"):
-        for joint in ("hip", "knee", "shoulder", "elbow"):  # the T-pose's limbs are not quite along the axes
-            assert worst[f"{side}_{joint}"] < 12, joint
-        assert (
-            worst[f"{side}_ankle"] < 25
-        )  # what the foot does in the frame in which it is flattest is taken for none
+    # What the foot does in the frame in which it is flattest is taken for none: 2.4 degrees at most here.
+    feet = {f"{side}_{joint}" for side in ("left", "right") for joint in ("ankle", "foot")}
+    assert max(worst[joint] for joint in JOINTS if joint not in feet) < 0.01
+    assert max(worst[joint] for joint in feet) < 3
     np.testing.assert_allclose(read.trans, motion.trans, atol=1e-4)
 
 
