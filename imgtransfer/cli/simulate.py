@@ -14,6 +14,7 @@ from render.options import Option, options_named
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.simulation.config import SimulateConfig
+    from imgtransfer.simulation.motion_config import FileMotions
 
 _OF_GARMENT = ("garment", "pinned", "anyway", "garment_up", "garment_facing", "garment_unit")
 _OF_AXES = ("up", "facing", "unit", "scale")
@@ -23,6 +24,7 @@ _DECIDED = {  # by options, in place of the configuration
     "template": ("garment", "garments"),
     "unit": ("sequences.unit", "sequences.scale"),
     "scale": ("sequences.unit", "sequences.scale"),
+    "joints": ("files.joints",),
     **{name: (f"sequences.{name}",) for name in ("up", "facing", "weld", "body_rest", "fps")},
 }
 
@@ -47,6 +49,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="a YAML file such as configs/data/sample.yaml, and/or motion files (AMASS-style npz, BVH), and/or body "
         "mesh sequences (a folder with body/ frames or body.pc2 and body_rest.obj, as `import meshes` reads them), "
         "or folders of either",
+    )
+    parser.add_argument(
+        "--joints",
+        type=Path,
+        metavar="FILE",
+        help="YAML of what BVH skeletons call SMPL's joints, where their names do not tell (left_knee: Bone07)",
     )
     parser.add_argument("--out", type=Path, required=True, help="the data set, made where it does not exist")
     parser.add_argument("--frames", type=int, help="only the first FRAMES frames of each motion")
@@ -98,7 +106,10 @@ def run(args: argparse.Namespace) -> None:
     refuse_twice(args, _DECIDED)
     config = _with_meshes(args, load_config(SimulateConfig, configs[0] if configs else None, args.set))
     sources = [path for path in args.sources if path not in configs]
-    _check_used(args, sequences=bool(sorted_sources(sources)[1]))
+    motions, sequences = sorted_sources(sources)
+    _check_used(
+        args, sequences=bool(sequences), bvh=any(file.path.suffix.lower() == ".bvh" for file in motions)
+    )
     source = str(configs[0]) if configs else "simulate"
     with options_named(as_flag if args.template is not None else _as_setting):
         tasks = plan(config, sources, frames=args.frames, clips=args.clip, source=source)
@@ -132,6 +143,8 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
     axes, of_garment = chosen_axes(args)
     of_garment = of_garment or axes
     changes: dict[str, Any] = {}
+    if args.joints is not None:
+        changes["files"] = _with_joints(config.files, args.joints)
     given = {name: getattr(args, name) for name in ("body_rest", "fps", "weld") if getattr(args, name)}
     if any(getattr(args, name) for name in _OF_AXES):
         given |= {"up": axes.up, "facing": axes.facing, "scale": axes.scale}
@@ -157,9 +170,20 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
     return config.model_copy(update=changes)
 
 
-def _check_used(args: argparse.Namespace, *, sequences: bool) -> None:
-    """Raise InputError where an argument would do nothing: without --template, or without mesh sequences."""
+def _with_joints(files: FileMotions, path: Path) -> FileMotions:
+    """The configuration's settings of motion files, with the joints that a YAML file names."""
+    from imgtransfer.config.loader import parse_config, read_yaml  # noqa: PLC0415
+    from imgtransfer.simulation.motion_config import FileMotions  # noqa: PLC0415
+
+    content = read_yaml(path, "a YAML file of SMPL's joints and a BVH skeleton's names of them")
+    joints = parse_config(FileMotions, {"joints": content}, str(path)).joints
+    return files.model_copy(update={"joints": joints})
+
+
+def _check_used(args: argparse.Namespace, *, sequences: bool, bvh: bool) -> None:
+    """Raise InputError where an argument would do nothing: without --template, mesh sequences, or BVH files."""
     needs = {
+        "BVH files; npz files have SMPL's joints": () if bvh else ("joints",),
         "--template FILE; a configuration's garment has its own settings": (
             () if args.template is not None else _OF_GARMENT
         ),

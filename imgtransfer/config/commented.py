@@ -121,6 +121,8 @@ def _plain(value: Any) -> Any:
     """A value as YAML has it."""
     if isinstance(value, BaseModel):
         return plain_values(value)
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
     return value if value is None or isinstance(value, bool | int | float | str) else str(value)

@@ -1,84 +1,118 @@
-"""What a BVH file must be before bvhio reads it, which hangs at a missing end and believes every number."""
+"""Parser of BVH files: the text of every tool to joints and numbers, damaged files refused in one line."""
 
 from __future__ import annotations
 
+import codecs
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from imgtransfer.motions.bvh_hierarchy import numbers, read_hierarchy
 from render import InputError
 from render.files.atomic import check_regular
 
-DEEPEST = 200  # joints from the root to a hand's last finger are about 15; each level is a call of the reader
-LARGEST = 1e9  # of an offset, an angle or a place, in whatever unit the file has
+_MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 _MOTION = re.compile(
-    r"^[ \t]*MOTION[ \t]*\n\s*Frames:[ \t]*([0-9]+)[ \t]*\n\s*Frame Time:[ \t]*\S+[ \t]*\n", re.M
+    r"^[ \t]*MOTION[ \t]*\n\s*Frames[ \t]*:?[ \t]*([0-9]+)[ \t]*\n\s*Frame[ \t]*Time[ \t]*:?[ \t]*(\S+)[ \t]*(?:\n|\Z)",
+    re.M | re.I,
 )
-_NUMBERS = re.compile(r"^[ \t]*OFFSET[ \t]+(.*)$", re.M)
-_CHANNELS = re.compile(r"^[ \t]*CHANNELS[ \t]+([0-9]{1,3})\b(.*)$", re.M)
-_KNOWN = {f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")}
 
 
-def check_bvh(path: Path) -> None:
-    """Check a BVH file's form and numbers.
+@dataclass(frozen=True, eq=False)
+class BvhText:
+    """What stands in a BVH file, nothing derived.
+
+    names: of the J joints, as written, parents first. parents: their numbers, -1 for a root; there may be several
+    roots. offsets: (J, 3). channels: of each joint, `Xposition` to `Zrotation`, in the file's order. values: (T, C)
+    of all channels, joint by joint. frame_time: as written, seconds.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: np.ndarray
+    channels: tuple[tuple[str, ...], ...]
+    values: np.ndarray
+    frame_time: str
+
+
+def parse_bvh(path: Path) -> BvhText:
+    """Parse a BVH file in UTF-8, UTF-16 or any 8-bit encoding, with a byte order mark or without.
+
+    Keywords may have any case, names any characters, and a frame may go over several lines.
 
     Raises:
         InputError: no such file, none of text, one without its end or with other numbers of values than channels,
             joints nested without end, or numbers that are none or beyond ±10⁹.
     """
     check_regular(path, "a BVH file")
-    try:
-        text = path.read_text()
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a BVH file, which would be text") from error
+    text = _decoded(path)
     match = _MOTION.search(text)
-    if not text.lstrip().startswith("HIERARCHY") or match is None:
+    if text.lstrip()[:9].upper() != "HIERARCHY" or match is None:
         raise InputError(
             f"{path}: not a whole BVH file, which has HIERARCHY, MOTION, Frames: and Frame Time: in this order"
         )
-    hierarchy = text[: match.start()]
-    _check_braces(path, hierarchy)
-    for offset in _NUMBERS.findall(hierarchy):
-        _numbers(path, offset, "OFFSET")
+    hierarchy = read_hierarchy(text[: match.start()].lstrip()[9:], path)
     # By the ends of lines only: other signs, at which `splitlines` also cuts, end no line for a reader of files.
     lines = [line for line in text[match.end() :].split("\n") if line.strip()]
-    announced = int(match[1][:12])
+    values = _frames(path, lines, int(match[1][:12]), sum(joint.announced for joint in hierarchy))
+    for joint in hierarchy:
+        if joint.announced != len(joint.channels):
+            raise InputError(
+                f"{path}: joint {joint.name} announces {joint.announced} channels and names {len(joint.channels)}"
+            )
+    return BvhText(
+        tuple(joint.name for joint in hierarchy),
+        tuple(joint.parent for joint in hierarchy),
+        np.array([joint.offset for joint in hierarchy], np.float64),
+        tuple(joint.channels for joint in hierarchy),
+        values,
+        match[2],
+    )
+
+
+def _decoded(path: Path) -> str:
+    """The file's text with \\n at the ends of lines."""
+    content = path.read_bytes()
+    refusal = f"{path}: not a BVH file, which would be text"
+    for mark, encoding in _MARKS:
+        if content.startswith(mark):
+            try:
+                text = content[len(mark) :].decode(encoding)
+            except UnicodeDecodeError as error:
+                raise InputError(refusal) from error
+            if encoding != "utf-8" and text.lstrip()[:9].upper() != "HIERARCHY":
+                raise InputError(refusal)
+            break
+    else:
+        if b"\0" in content:
+            raise InputError(refusal)
+        try:
+            text = content.decode("utf-8")
+        except UnicodeDecodeError:
+            # Names in an encoding that nobody tells: as bytes they stay different, and all else is ASCII.
+            text = content.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _frames(path: Path, lines: list[str], announced: int, channels: int) -> np.ndarray:
+    """(T, C) values; a frame is a line, or several that hold its values."""
     if len(lines) < announced:
         raise InputError(f"{path}: cut off, it announces {announced} frames and holds {len(lines)}")
-    channels = 0
-    for count, names in _CHANNELS.findall(hierarchy):
-        channels += int(count)
-        unknown = [name for name in names.split() if name not in _KNOWN]
-        if unknown:  # bvhio would give its values to the channels that follow
-            raise InputError(
-                f"{path}: a channel is called '{unknown[0]}'; known are {', '.join(sorted(_KNOWN))}"
-            )
-    for number, line in enumerate(lines[:announced]):
-        values = _numbers(path, line, f"frame {number}")
-        if len(values) != channels:
-            raise InputError(f"{path}: frame {number} has {len(values)} values for {channels} channels")
-
-
-def _check_braces(path: Path, hierarchy: str) -> None:
-    depth = deepest = 0
-    for brace in re.findall(r"[{}]", hierarchy):
-        depth += 1 if brace == "{" else -1
-        deepest = max(deepest, depth)
-        if depth < 0:
+    frames: list[list[float]] = []
+    begun: list[float] = []
+    for line in lines:
+        if len(frames) == announced:
             break
-    if depth != 0:
-        raise InputError(f"{path}: the hierarchy's braces do not match; the file is damaged")
-    if deepest > DEEPEST:
-        raise InputError(f"{path}: joints are nested {deepest} deep, at most {DEEPEST} can be read")
-
-
-def _numbers(path: Path, text: str, what: str) -> np.ndarray:
-    try:
-        values = np.array(text.split(), np.float64)
-    except ValueError as error:
-        raise InputError(f"{path}: not a readable BVH file ({what}: {error})") from error
-    if not (np.abs(values) <= LARGEST).all():
-        bad = values[~(np.abs(values) <= LARGEST)][0]
-        raise InputError(f"{path}: {what} holds {bad:g}; finite numbers up to {LARGEST:g} are wanted")
-    return values
+        begun += numbers(path, line.split(), f"frame {len(frames)}")
+        if len(begun) == channels:
+            frames.append(begun)
+            begun = []
+        elif len(begun) > channels:
+            break
+    if begun:
+        raise InputError(f"{path}: frame {len(frames)} has {len(begun)} values for {channels} channels")
+    if len(frames) < announced:
+        raise InputError(f"{path}: cut off, it announces {announced} frames and holds {len(frames)}")
+    return np.array(frames, np.float64).reshape(announced, channels)

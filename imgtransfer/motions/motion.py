@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -69,7 +70,8 @@ def resample(motion: Motion, fps: float) -> Motion:
     """The motion at another frame rate: by time, rotations spherically, the path linearly; the first frame stays.
 
     Raises:
-        InputError: one of hours, which would have more frames than anybody means.
+        InputError: one of hours, which would have more frames than anybody means, or one that would have a single
+            frame.
     """
     if motion.fps == fps:
         return motion
@@ -77,6 +79,11 @@ def resample(motion: Motion, fps: float) -> Motion:
         raise InputError(
             f"{motion.name}: {len(motion.poses)} frames at {motion.fps:g} a second are {motion.seconds:.3g} s long, "
             f"more than {MOST_FRAMES} frames at {fps:g}; is the frame rate right?"
+        )
+    if motion.seconds * fps + 1e-6 < 1:
+        raise InputError(
+            f"{motion.name}: {len(motion.poses)} frames at {motion.fps:g} a second are {motion.seconds:.3g} s long, "
+            f"less than one frame at {fps:g}; a longer motion or an `fps` of {math.ceil(motion.fps)} is wanted"
         )
     # Half a millionth of a frame of tolerance keeps a last frame that only rounding would drop.
     times = np.arange(int(motion.seconds * fps + 1e-6) + 1) / fps

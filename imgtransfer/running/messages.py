@@ -9,7 +9,11 @@ from contextlib import contextmanager
 
 from render.options import Option
 
-_FLAGS = {"clips": "--clip", "changes": "--set"}  # where parameter and flag have different names
+_FLAGS = {
+    "clips": "--clip",
+    "changes": "--set",
+    "up_axis": "--set files.up_axis",
+}  # where parameter and flag have different names
 _LAYERS = ("render", "fusion", "imgtransfer")
 
 

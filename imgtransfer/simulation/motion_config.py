@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from imgtransfer.bodies.smpl import JOINTS
 from imgtransfer.config.schema import (
     Degrees,
     DegreesPerSecond,
@@ -19,11 +20,11 @@ from imgtransfer.config.schema import (
     Section,
 )
 from imgtransfer.garments.config import MeshFile
-from imgtransfer.motions.amass import UpAxis
 from imgtransfer.motions.check import PATH_SPEED, TURNING
 from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
+from imgtransfer.motions.up_axis import UpAxis
 from render.limits import FASTEST, SLOWEST
 
 MOST_CLIPS = 100_000  # of one line
@@ -87,7 +88,12 @@ class FileMotions(Section):
         description="How far hanging arms are turned away from the trunk, so that cloth has room between them.",
     )
     up_axis: UpAxis = Field(
-        "auto", description="Of npz files; `auto` is the axis along which the body stands."
+        "auto", description="Of the files' world; `auto` is the axis along which the body stands."
+    )
+    joints: dict[str, str] = Field(
+        {},
+        description="SMPL's joints and what BVH skeletons call them, where their names do not tell, such as "
+        "`left_knee: Bone07`.",
     )
     turning: DegreesPerSecond = Field(
         TURNING, gt=0, le=1e9, description="Of a joint; faster motions are left out."
@@ -96,14 +102,22 @@ class FileMotions(Section):
         PATH_SPEED, gt=0, le=1e9, description="Of the pelvis; faster motions are left out."
     )
 
-    def split(self, name: str) -> Split:
-        """Which split a motion file belongs to."""
+    @field_validator("joints")
+    @classmethod
+    def _of_smpl(cls, joints: dict[str, str]) -> dict[str, str]:
+        unknown = [joint for joint in joints if joint not in JOINTS]
+        if unknown:
+            raise ValueError(f"{unknown[0]!r} is none of SMPL's joints, {', '.join(JOINTS)}")
+        return joints
+
+    def split(self, *names: str) -> Split:
+        """Which split a motion file belongs to, by its clip's name or its own."""
         named: tuple[tuple[Split, tuple[str, ...]], ...] = (
             ("test", self.test),
             ("validation", self.validation),
         )
         for split, patterns in named:
-            if any(fnmatch.fnmatch(name, pattern) for pattern in patterns):
+            if any(fnmatch.fnmatch(name, pattern) for pattern in patterns for name in names):
                 return split
         return "train"
 

@@ -54,11 +54,53 @@ def offsets(arms_down=False):
     return found
 
 
-def write_bvh(path, motion, names, *, axes=Y_UP, rest=None, order="ZYX", leave_out=()):
-    """A BVH file of a motion, on a skeleton that rests with the offsets (22, 3); (T, 22) joint by joint."""
+def along_bones():
+    """(22, 3, 3) orientations of an SMPL-like T-pose's joints with x along the bone, as LaFAN1 has them."""
+    spine, leg = (
+        np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+        np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+    )
+    foot = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    found = np.broadcast_to(spine, (22, 3, 3)).copy()
+    for side, arm in (("left", np.eye(3)), ("right", np.diag([-1.0, -1, 1]))):
+        for joint in ("hip", "knee"):
+            found[JOINTS.index(f"{side}_{joint}")] = leg
+        for joint in ("ankle", "foot"):
+            found[JOINTS.index(f"{side}_{joint}")] = foot
+        for joint in ("collar", "shoulder", "elbow", "wrist"):
+            found[JOINTS.index(f"{side}_{joint}")] = arm
+    return found
+
+
+def along_bones_mirrored():
+    """The same as Bandai-Namco has them: the chest's z to the left, and x against the bone on the right side."""
+    found = along_bones()
+    for joint in ("spine1", "spine2", "spine3", "neck", "head"):
+        found[JOINTS.index(joint)] = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    for number, joint in enumerate(JOINTS):
+        if joint.startswith("right_"):
+            found[number] = found[JOINTS.index(joint.replace("right", "left"))] @ np.diag([-1.0, 1, -1])
+    return found
+
+
+def write_bvh(
+    path, motion, names, *, axes=Y_UP, rest=None, order="ZYX", leave_out=(), world=None, oriented=None
+):
+    """A BVH file of a motion, on a skeleton that rests with the offsets (22, 3); (T, 22) joint by joint.
+
+    `axes` turns both skeleton and world, `world` (3, 3) the motion alone; `oriented` (22, 3, 3) are the joints' own
+    axes at rest.
+    """
     rest = (offsets() if rest is None else rest) @ axes.T
-    local = Rotation.from_rotvec(motion.poses.reshape(-1, 3) @ axes.T)
-    angles = local.as_euler(order, degrees=True).reshape(*motion.poses.shape)
+    local = Rotation.from_rotvec(motion.poses.reshape(-1, 3) @ axes.T).as_matrix().reshape(-1, 22, 3, 3)
+    if world is not None:
+        local[:, 0] = world @ local[:, 0]
+    if oriented is not None:
+        above = np.stack([np.eye(3), *(oriented[parent] for parent in PARENTS[1:])])
+        rest = np.stack([offset @ turn for offset, turn in zip(rest, above, strict=True)])
+        local = np.swapaxes(above, 1, 2) @ local @ oriented
+    angles = Rotation.from_matrix(local.reshape(-1, 3, 3)).as_euler(order, degrees=True)
+    angles = angles.reshape(*motion.poses.shape)
     channels = " ".join(f"{axis}rotation" for axis in order)
     numbers = []
 
@@ -84,7 +126,7 @@ def write_bvh(path, motion, names, *, axes=Y_UP, rest=None, order="ZYX", leave_o
         f"Frames: {len(motion.poses)}",
         f"Frame Time: {1 / motion.fps:.9f}",
     ]
-    path_cm = motion.trans @ axes.T * 82 / 0.8
+    path_cm = motion.trans @ axes.T @ (np.eye(3) if world is None else world.T) * 82 / 0.8
     for frame in range(len(motion.poses)):
         row = np.concatenate([path_cm[frame], angles[frame][numbers].ravel()])
         lines.append(" ".join(f"{value:.6f}" for value in row))

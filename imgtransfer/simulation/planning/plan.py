@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,20 +9,17 @@ from pathlib import Path
 from imgtransfer.data.choice import choose
 from imgtransfer.data.schema import check_name
 from imgtransfer.garments.config import TemplateConfig
-from imgtransfer.motions.check import motion_faults
-from imgtransfer.motions.files import load_motion
 from imgtransfer.motions.motion import Motion, arms_out
 from imgtransfer.simulation.body_motion.body_sequence import find_sequence
 from imgtransfer.simulation.body_motion.unskinned import needs_template
 from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.motion_config import Split
 from imgtransfer.simulation.planning.file_checks import check_files, steady
-from imgtransfer.simulation.planning.sources import sorted_sources
+from imgtransfer.simulation.planning.motion_files import read_motions
+from imgtransfer.simulation.planning.sources import MotionFile, sorted_sources
 from imgtransfer.simulation.planning.task import Task
 from render import InputError, Option
 from render.threads import one_blas_thread
-
-_log = logging.getLogger(__name__)
 
 
 @one_blas_thread()
@@ -37,9 +33,9 @@ def plan(
 ) -> list[Task]:
     """The clips that a configuration, motion files and body mesh sequences (or folders of them) ask for.
 
-    A motion in which a joint turns too far or too fast for a body is left out, and named in the log; likewise a mesh
-    sequence with a vertex that jumps. Bodies' and garments' own files are read here and checked against each other,
-    each pair once; what is odd about them but no obstacle is logged.
+    A motion in which a joint turns too far or too fast for a body is left out, and named in the log; likewise one that
+    cannot be read, where others can, and a mesh sequence with a vertex that jumps. Bodies' and garments' own files are
+    read here and checked against each other, each pair once; what is odd about them but no obstacle is logged.
 
     Args:
         config: with clips of the motion library, and the garments and bodies that all motions are simulated with.
@@ -81,19 +77,14 @@ def _anywhere(config: SimulateConfig) -> SimulateConfig:
     return config.model_copy(update={"garment": garment.model_copy(update={"path": garment.path.resolve()})})
 
 
-def _of_motions(config: SimulateConfig, files: Sequence[Path], frames: int | None) -> Iterator[Task]:
+def _of_motions(config: SimulateConfig, files: Sequence[MotionFile], frames: int | None) -> Iterator[Task]:
     motions: list[tuple[Motion, Split, Sequence[str]]] = [
         (motion, clips.split, clips.garments)
         for clips in config.clips
         for motion in clips.motions(config.fps)
     ]
-    for path in files:
-        motion = load_motion(path, fps=config.fps, up_axis=config.files.up_axis)
-        faults = motion_faults(motion, turning=config.files.turning, path_speed=config.files.path_speed)
-        if faults:
-            _log.warning("left out %s: %s", path, "; ".join(faults))
-            continue
-        motions.append((arms_out(motion, config.files.arms_out), config.files.split(motion.name), ()))
+    for motion, stem in read_motions(files, config):
+        motions.append((arms_out(motion, config.files.arms_out), config.files.split(motion.name, stem), ()))
     for number, (motion, split, garments) in enumerate(motions):
         cut = replace(motion, poses=motion.poses[:frames], trans=motion.trans[:frames])
         for single in config.singles(number):

@@ -451,11 +451,6 @@ EXTRAS: dict[str, tuple[str, list[object], str]] = {
         "simulate needs the package newton",
     ),
     "gpytoolbox": ("gpytoolbox", ["simulate", "simulation.yaml", "--out", "out"], "the package gpytoolbox"),
-    "bvhio": (
-        "bvhio",
-        ["simulate", "turn.bvh", "--out", "out"],
-        "turn.bvh: reading BVH needs the package bvhio",
-    ),
     "ray": ("ray", ["fuse", "p", "--ray", "auto"], "imgtransfer[cluster]"),
     "aiohttp": ("aiohttp", ["inspect", "http://127.0.0.1:9/set"], "imgtransfer[remote]"),
 }
@@ -470,8 +465,4 @@ def test_a_missing_package_is_one_line_that_names_its_extra(
     monkeypatch.setitem(sys.modules, name, None)  # type: ignore[arg-type] # as if it were not installed
     for loaded in [module for module in sys.modules if module.startswith("fsspec.implementations.http")]:
         monkeypatch.delitem(sys.modules, loaded)
-    (here / "turn.bvh").write_text(
-        "HIERARCHY\nROOT hip\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n}\n"
-        "MOTION\nFrames: 2\nFrame Time: 0.1\n0 0 0\n0 0 0\n"
-    )
     refused(capsys, *argv, message=message, out=here / "out")

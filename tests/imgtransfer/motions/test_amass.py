@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imgtransfer.motions.amass import load_amass
+from imgtransfer.motions.files import load_motion, read_motion
 from render import InputError
 from tests.helpers.amass_files import write_amass
 
 
 def test_it_reads_the_body_joints_and_resamples_by_time(tmp_path):
-    motion = load_amass(write_amass(tmp_path / "a_clip.npz", leg_length=np.float32(0.83)), fps=30)
+    motion = load_motion(write_amass(tmp_path / "a_clip.npz", leg_length=np.float32(0.83)), fps=30)
     assert motion.name == "a_clip"
     assert motion.poses.shape == (31, 22, 3)
     np.testing.assert_allclose(motion.poses[:, 18, 1], 0.8 * np.arange(31) / 30, atol=1e-6)
@@ -18,7 +18,7 @@ def test_it_reads_the_body_joints_and_resamples_by_time(tmp_path):
 
 def test_the_leg_length_is_optional_and_the_other_rate_name_is_read(tmp_path):
     path = write_amass(tmp_path / "b.npz", mocap_framerate=None, mocap_frame_rate=np.int64(60))
-    motion = load_amass(path, fps=60)
+    motion = load_motion(path, fps=60)
     assert motion.leg_length is None
     assert len(motion.poses) == 61
 
@@ -49,33 +49,33 @@ def test_the_leg_length_is_optional_and_the_other_rate_name_is_read(tmp_path):
 def test_bad_files_are_named_with_what_is_wrong(tmp_path, changes, text):
     path = write_amass(tmp_path / "bad.npz", **changes)
     with pytest.raises(InputError, match=text) as caught:
-        load_amass(path)
+        load_motion(path)
     assert "bad" in str(caught.value)
 
 
 def test_missing_and_foreign_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        load_amass(tmp_path / "none.npz")
+        load_motion(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("not an npz")
     with pytest.raises(InputError, match="not a readable npz"):
-        load_amass(tmp_path / "text.npz")
+        load_motion(tmp_path / "text.npz")
     np.savez(tmp_path / "pickle.npz", poses=np.array([{}], dtype=object), trans=0, mocap_framerate=30)
     with pytest.raises(InputError, match="poses is not a readable plain array"):
-        load_amass(tmp_path / "pickle.npz")
+        load_motion(tmp_path / "pickle.npz")
 
 
 @pytest.mark.parametrize("up_axis", ["auto", "z"])
 def test_files_with_z_up_are_turned(tmp_path, up_axis):
-    ours = load_amass(write_amass(tmp_path / "y.npz"))
+    ours = load_motion(write_amass(tmp_path / "y.npz"))
     turn = Rotation.from_euler("x", 90, degrees=True)  # y up to z up
     poses = np.zeros((61, 156))
     poses[:, 3 * 18 + 1] = 0.8 * np.arange(61) / 60
     poses[:, :3] = turn.as_rotvec()
     trans = turn.apply(np.stack([np.zeros(61), np.full(61, 0.9), np.arange(61) / 60], axis=1))
-    read = load_amass(write_amass(tmp_path / "z.npz", poses=poses, trans=trans), up_axis=up_axis)
+    read = load_motion(write_amass(tmp_path / "z.npz", poses=poses, trans=trans), up_axis=up_axis)
     np.testing.assert_allclose(read.poses, ours.poses, atol=1e-6)
     np.testing.assert_allclose(read.trans, ours.trans, atol=1e-6)
-    assert np.abs(load_amass(tmp_path / "z.npz", up_axis="y").poses - ours.poses).max() > 1
+    assert np.abs(load_motion(tmp_path / "z.npz", up_axis="y").poses - ours.poses).max() > 1
 
 
 def test_a_body_that_lies_shows_no_up_axis(tmp_path):
@@ -83,5 +83,29 @@ def test_a_body_that_lies_shows_no_up_axis(tmp_path):
     poses[:, 2] = np.pi / 2  # on its right side
     path = write_amass(tmp_path / "lying.npz", poses=poses)
     with pytest.raises(InputError, match="up_axis"):
-        load_amass(path)
-    assert len(load_amass(path, up_axis="y").poses) == 31
+        load_motion(path)
+    assert len(load_motion(path, up_axis="y").poses) == 31
+
+
+def test_files_of_smpl_x_are_read_and_other_models_refused(tmp_path):
+    ours = load_motion(write_amass(tmp_path / "a.npz"))
+    named = {"mocap_framerate": None, "mocap_frame_rate": np.float64(60), "gender": np.array("neutral")}
+    columns = np.zeros((61, 165))
+    columns[:, 3 * 18 + 1] = 0.8 * np.arange(61) / 60
+    path = write_amass(
+        tmp_path / "a_stageii.npz", poses=columns, surface_model_type=np.array("smplx"), **named
+    )
+    np.testing.assert_allclose(load_motion(path).poses, ours.poses, atol=1e-6)
+    parts = {"poses": None, "root_orient": columns[:, :3], "pose_body": columns[:, 3:66]}
+    np.testing.assert_allclose(
+        load_motion(write_amass(tmp_path / "b.npz", **parts)).poses, ours.poses, atol=1e-6
+    )
+    with pytest.raises(InputError, match=r"root_orient and pose_body .* found \(61, 3\) and \(60, 63\)"):
+        load_motion(write_amass(tmp_path / "c.npz", **parts | {"pose_body": columns[:60, 3:66]}))
+    with pytest.raises(InputError, match="surface_model_type is 'animal_dog'; motions of smpl, smplh"):
+        load_motion(write_amass(tmp_path / "dog.npz", surface_model_type=np.array("animal_dog")))
+
+
+def test_the_summary_names_the_axis_that_is_up(tmp_path):
+    summary = read_motion(write_amass(tmp_path / "a.npz"))[1]
+    assert str(summary) == f"{tmp_path / 'a.npz'}: 61 frames at 60 a second; y up; in metres"

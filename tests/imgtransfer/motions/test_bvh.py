@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imgtransfer.bodies.smpl import JOINTS, global_rotations, segment_direction
-from imgtransfer.motions.bvh import LEG_LENGTH, load_bvh
+from imgtransfer.motions.bvh import LEG_LENGTH
 from imgtransfer.motions.files import load_motion
 from imgtransfer.motions.library import make_motion
 from imgtransfer.simulation.planning.sources import sorted_sources
@@ -22,7 +22,7 @@ def motion():
 @pytest.mark.parametrize("naming", NAMINGS)
 @pytest.mark.parametrize("order", ["ZYX", "YXZ"])
 def test_a_t_posed_skeleton_gives_back_the_poses(tmp_path, motion, naming, order):
-    read = load_bvh(write_bvh(tmp_path / "a.bvh", motion, NAMINGS[naming], order=order))
+    read = load_motion(write_bvh(tmp_path / "a.bvh", motion, NAMINGS[naming], order=order))
     np.testing.assert_allclose(global_rotations(read.poses), global_rotations(motion.poses), atol=2e-5)
     np.testing.assert_allclose(read.trans, motion.trans, atol=1e-4)
     assert read.leg_length == LEG_LENGTH
@@ -30,14 +30,14 @@ def test_a_t_posed_skeleton_gives_back_the_poses(tmp_path, motion, naming, order
 
 
 def test_z_up_files_are_turned_to_y_up(tmp_path, motion):
-    read = load_bvh(write_bvh(tmp_path / "a.bvh", motion, NAMINGS["cmu"], axes=Z_UP))
+    read = load_motion(write_bvh(tmp_path / "a.bvh", motion, NAMINGS["cmu"], axes=Z_UP))
     np.testing.assert_allclose(global_rotations(read.poses), global_rotations(motion.poses), atol=2e-5)
     np.testing.assert_allclose(read.trans, motion.trans, atol=1e-4)
 
 
 def test_limbs_point_where_the_skeletons_do_whatever_its_rest_pose(tmp_path, motion):
     hanging = offsets(arms_down=True)
-    read = load_bvh(write_bvh(tmp_path / "a.bvh", motion, NAMINGS["mixamo"], rest=hanging))
+    read = load_motion(write_bvh(tmp_path / "a.bvh", motion, NAMINGS["mixamo"], rest=hanging))
     theirs, ours = global_rotations(motion.poses), global_rotations(read.poses)
     for joint, segment, end in (
         ("shoulder", "upper_arm", "elbow"),
@@ -62,7 +62,7 @@ def test_frames_are_resampled_by_time(tmp_path):
 
 def test_joints_that_bodies_need_not_have_do_not_bend(tmp_path, motion):
     missing = ("left_foot", "right_foot")
-    read = load_bvh(write_bvh(tmp_path / "a.bvh", motion, MIXAMO, leave_out=missing))
+    read = load_motion(write_bvh(tmp_path / "a.bvh", motion, MIXAMO, leave_out=missing))
     for joint in missing:
         np.testing.assert_allclose(read.poses[:, JOINTS.index(joint)], 0, atol=1e-6)
 
@@ -72,7 +72,7 @@ def test_an_unknown_skeleton_is_refused_with_what_is_missing(tmp_path, motion):
     with pytest.raises(
         InputError, match=r"no joint for head, left_knee; it has Hips, .*Bone07.*Names as in CMU"
     ):
-        load_bvh(write_bvh(tmp_path / "a.bvh", motion, names))
+        load_motion(write_bvh(tmp_path / "a.bvh", motion, names))
 
 
 @pytest.mark.parametrize(("change", "text"), [
@@ -107,7 +107,7 @@ def test_damaged_files_are_named_with_what_is_wrong(tmp_path, motion, change, te
     path = write_bvh(tmp_path / "bad.bvh", motion, MIXAMO)
     path.write_text(change(path.read_text()))
     with pytest.raises(InputError, match=text) as caught:
-        load_bvh(path)
+        load_motion(path)
     assert "bad.bvh" in str(caught.value)
 
 
@@ -118,7 +118,7 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="no motion file in this folder"):
         sorted_sources([tmp_path])
     with pytest.raises(InputError, match="no such file"):
-        load_bvh(tmp_path / "none.bvh")
+        load_motion(tmp_path / "none.bvh")
     (tmp_path / "binary.bvh").write_bytes(b"\xff\xfe\x00HIERARCHY")
     with pytest.raises(InputError, match="would be text"):
-        load_bvh(tmp_path / "binary.bvh")
+        load_motion(tmp_path / "binary.bvh")

@@ -1,8 +1,9 @@
-"""What `check_bvh` lets through and what it refuses, at the limits of each."""
+"""What `parse_bvh` lets through and what it refuses, at the limits of each."""
 
 import pytest
 
-from imgtransfer.motions.bvh_text import DEEPEST, LARGEST, check_bvh
+from imgtransfer.motions.bvh_hierarchy import DEEPEST, LARGEST
+from imgtransfer.motions.bvh_text import parse_bvh
 from render import InputError
 
 CHANNELS = "CHANNELS 3 Xrotation Yrotation Zrotation"
@@ -10,7 +11,8 @@ FRAMES = ("1 2 3", "4 5 6")
 
 
 def text(*, channels=CHANNELS, offset="0 1 0", depth=1, frames=FRAMES, announced=None, end="\n"):
-    hierarchy = f"HIERARCHY\nROOT a\n{'{' * depth}\n OFFSET {offset}\n {channels}\n{'}' * depth}\n"
+    deeper = "".join(f"JOINT a{number}\n{{\n" for number in range(1, depth))
+    hierarchy = f"HIERARCHY\nROOT a\n{{\n OFFSET {offset}\n {channels}\n{deeper}{'}' * depth}\n"
     count = len(frames) if announced is None else announced
     lines = hierarchy + "\n".join(["MOTION", f"Frames: {count}", "Frame Time: 0.1", *frames, ""])
     return lines.replace("\n", end)
@@ -19,7 +21,7 @@ def text(*, channels=CHANNELS, offset="0 1 0", depth=1, frames=FRAMES, announced
 def check(tmp_path, content):
     path = tmp_path / "a.bvh"
     path.write_bytes(content.encode() if isinstance(content, str) else content)
-    check_bvh(path)
+    parse_bvh(path)
 
 
 @pytest.mark.parametrize("content", [
@@ -69,6 +71,6 @@ def test_damaged_files_are_refused_in_one_line_with_their_name(tmp_path, content
 
 def test_folders_and_missing_files_are_refused(tmp_path):
     with pytest.raises(InputError, match="BVH file"):
-        check_bvh(tmp_path)
+        parse_bvh(tmp_path)
     with pytest.raises(InputError, match="no such file"):
-        check_bvh(tmp_path / "none.bvh")
+        parse_bvh(tmp_path / "none.bvh")

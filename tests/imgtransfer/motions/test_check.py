@@ -48,14 +48,14 @@ def test_a_body_that_jumps_away_is_named_in_its_own_size():
     assert motion_faults(replace(motion, leg_length=1.6)) == []  # a giant's half metre
 
 
-def test_a_plan_leaves_such_files_out_and_says_so(tmp_path, capsys):
+def test_a_plan_leaves_such_files_out_and_says_so(tmp_path, caplog):
     for name, angle in (("good", 20.0), ("bad", 200.0)):
         poses = np.zeros((20, 66))
         poses[10:, 3 * JOINTS.index("neck")] = np.radians(angle)
         np.savez(tmp_path / f"{name}.npz", poses=poses, trans=np.zeros((20, 3)), mocap_framerate=30.0)
     tasks = plan(SimulateConfig(), [tmp_path])
     assert [task.motion.name for task in tasks] == ["good"]
-    assert "left out" in (said := capsys.readouterr().err)
+    assert "left out" in (said := caplog.text)
     assert "bad.npz: neck is turned by" in said
     with pytest.raises(InputError, match="nothing to simulate"):
         plan(SimulateConfig(), [tmp_path / "bad.npz"])

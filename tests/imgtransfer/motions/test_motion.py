@@ -69,7 +69,9 @@ def test_the_last_frame_that_lies_within_is_kept(frames, fps, wanted):
 
 
 def test_a_rate_that_leaves_one_frame_is_refused():
-    with pytest.raises(InputError, match="T of 2 or more"):
+    with pytest.raises(
+        InputError, match="less than one frame at 10; a longer motion or an `fps` of 30 is wanted"
+    ):
         resample(still(frames=2, fps=30.0), 10.0)
 
 

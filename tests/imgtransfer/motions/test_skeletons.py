@@ -101,7 +101,10 @@ def test_what_is_missing_is_named_with_what_there_is():
     assert message.startswith(
         "robot.bvh: the skeleton has no joint for left_knee, right_wrist; it has Hips, Spine,"
     )
-    assert message.endswith("Claw. Names as in CMU, Mixamo or SMPL skeletons are wanted")
+    assert message.endswith(
+        "Claw. Names as in CMU, Mixamo or SMPL skeletons are wanted, or joints that says which they are "
+        "(left_knee: Bone07)"
+    )
 
 
 def test_arms_that_hang_from_the_pelvis_have_no_spine():
@@ -112,3 +115,112 @@ def test_arms_that_hang_from_the_pelvis_have_no_spine():
 def test_a_skeleton_of_nothing_has_no_joints():
     with pytest.raises(InputError, match=r"no joint for pelvis, head, left_hip, .*; it has "):
         named_joints([], [], "empty.bvh")
+
+
+# Chains of joints as tools name them, {} for the side; and what is wanted: pelvis, hip, knee, ankle, toes, chest,
+# collar, shoulder, elbow, wrist.
+RIGS = """
+biped L R
+Bip01, Bip01 Pelvis, Bip01 Spine, Bip01 Spine1, Bip01 Neck, Bip01 Head
+Bip01 Spine, Bip01 {} Thigh, Bip01 {} Calf, Bip01 {} Foot, Bip01 {} Toe0
+Bip01 Neck, Bip01 {} Clavicle, Bip01 {} UpperArm, Bip01 {} Forearm, Bip01 {} Hand
+Bip01 Pelvis, Bip01 {} Thigh, Bip01 {} Calf, Bip01 {} Foot, Bip01 {} Toe0, Bip01 Spine1, Bip01 {} Clavicle,\
+ Bip01 {} UpperArm, Bip01 {} Forearm, Bip01 {} Hand
+
+unreal l r
+root, pelvis, spine_01, spine_02, spine_03, neck_01, head
+pelvis, thigh_{}, calf_{}, foot_{}, ball_{}
+spine_03, clavicle_{}, upperarm_{}, lowerarm_{}, hand_{}
+pelvis, thigh_{}, calf_{}, foot_{}, ball_{}, spine_03, clavicle_{}, upperarm_{}, lowerarm_{}, hand_{}
+
+poser l r
+hip, abdomen, chest, neck, head
+hip, {}Buttock, {}Thigh, {}Shin, {}Foot, {}Toe
+chest, {}Collar, {}Shldr, {}ForeArm, {}Hand
+hip, {}Thigh, {}Shin, {}Foot, {}Toe, chest, {}Collar, {}Shldr, {}ForeArm, {}Hand
+
+daz l r
+Genesis8Male, hip, abdomenLower, chestUpper, neckLower, neckUpper, head
+hip, pelvis, {}ThighBend, {}ThighTwist, {}Shin, {}Foot, {}Toe
+chestUpper, {}Collar, {}ShldrBend, {}ShldrTwist, {}ForearmBend, {}ForearmTwist, {}Hand
+hip, {}ThighBend, {}Shin, {}Foot, {}Toe, chestUpper, {}Collar, {}ShldrBend, {}ForearmBend, {}Hand
+
+blender L R
+hips, spine, chest, neck, head
+hips, thigh.{}, shin.{}, foot.{}, toe.{}
+chest, shoulder.{}, upper_arm.{}, forearm.{}, hand.{}
+hips, thigh.{}, shin.{}, foot.{}, toe.{}, chest, shoulder.{}, upper_arm.{}, forearm.{}, hand.{}
+
+prefix Left Right
+Model_Hips, Model_Spine, Model_Chest, Model_Neck, Model_Head
+Model_Hips, Model_{}UpLeg, Model_{}Leg, Model_{}Foot, Model_{}ToeBase
+Model_Chest, Model_{}Shoulder, Model_{}Arm, Model_{}ForeArm, Model_{}Hand
+Model_Hips, Model_{}UpLeg, Model_{}Leg, Model_{}Foot, Model_{}ToeBase, Model_Chest, Model_{}Shoulder, Model_{}Arm,\
+ Model_{}ForeArm, Model_{}Hand
+
+bandai L R
+joint_Root, Hips, Spine, Chest, Neck, Head
+Hips, UpperLeg_{}, LowerLeg_{}, Foot_{}, Toes_{}
+Chest, Shoulder_{}, UpperArm_{}, LowerArm_{}, Hand_{}
+Hips, UpperLeg_{}, LowerLeg_{}, Foot_{}, Toes_{}, Chest, Shoulder_{}, UpperArm_{}, LowerArm_{}, Hand_{}
+
+rokoko Left Right
+Hips, Spine, Spine2, Spine4, Neck, Head
+Hips, {}Thigh, {}Shin, {}Foot, {}Toe
+Spine4, {}Shoulder, {}Arm, {}ForeArm, {}Hand
+Hips, {}Thigh, {}Shin, {}Foot, {}Toe, Spine4, {}Shoulder, {}Arm, {}ForeArm, {}Hand
+
+optitrack L R
+A:Hip, A:Ab, A:Chest, A:Neck, A:Head
+A:Hip, A:{}Thigh, A:{}Shin, A:{}Foot, A:{}Toe
+A:Chest, A:{}Shoulder, A:{}UArm, A:{}FArm, A:{}Hand
+A:Hip, A:{}Thigh, A:{}Shin, A:{}Foot, A:{}Toe, A:Chest, A:{}Shoulder, A:{}UArm, A:{}FArm, A:{}Hand
+
+asf l r
+root, lowerback, upperback, thorax, lowerneck, upperneck, head
+root, {}hipjoint, {}femur, {}tibia, {}foot, {}toes
+thorax, {}clavicle, {}humerus, {}radius, {}wrist, {}hand
+root, {}femur, {}tibia, {}foot, {}toes, thorax, {}clavicle, {}humerus, {}radius, {}wrist
+
+kinect LEFT RIGHT
+PELVIS, SPINE_NAVAL, SPINE_CHEST, NECK, HEAD
+PELVIS, HIP_{}, KNEE_{}, ANKLE_{}, FOOT_{}
+SPINE_CHEST, CLAVICLE_{}, SHOULDER_{}, ELBOW_{}, WRIST_{}, HAND_{}
+PELVIS, HIP_{}, KNEE_{}, ANKLE_{}, FOOT_{}, SPINE_CHEST, CLAVICLE_{}, SHOULDER_{}, ELBOW_{}, WRIST_{}
+
+maya L R
+Root_M, Spine1_M, Chest_M, Neck_M, Head_M
+Root_M, Hip_{}, Knee_{}, Ankle_{}, Toes_{}
+Chest_M, Scapula_{}, Shoulder_{}, Elbow_{}, Wrist_{}
+Root_M, Hip_{}, Knee_{}, Ankle_{}, Toes_{}, Chest_M, Scapula_{}, Shoulder_{}, Elbow_{}, Wrist_{}
+
+vroid L R
+Root, J_Bip_C_Hips, J_Bip_C_Chest, J_Bip_C_Neck, J_Bip_C_Head, J_Sec_Hair1, J_Sec_Hair2, J_Sec_Hair3
+J_Bip_C_Hips, J_Bip_{}_UpperLeg, J_Bip_{}_LowerLeg, J_Bip_{}_Foot, J_Bip_{}_ToeBase
+J_Bip_C_Chest, J_Bip_{}_Shoulder, J_Bip_{}_UpperArm, J_Bip_{}_LowerArm, J_Bip_{}_Hand
+J_Bip_C_Hips, J_Bip_{}_UpperLeg, J_Bip_{}_LowerLeg, J_Bip_{}_Foot, J_Bip_{}_ToeBase, J_Bip_C_Chest,\
+ J_Bip_{}_Shoulder, J_Bip_{}_UpperArm, J_Bip_{}_LowerArm, J_Bip_{}_Hand
+"""
+FOUND = ("pelvis", "{}_hip", "{}_knee", "{}_ankle", "{}_foot", "spine3", "{}_collar", "{}_shoulder", "{}_elbow",
+         "{}_wrist")  # fmt: skip
+
+
+@pytest.mark.parametrize("rig", RIGS.strip().split("\n\n"), ids=lambda rig: rig.split()[0])
+def test_the_rigs_of_other_tools_are_known(rig):
+    sides, *rows = rig.split("\n")
+    *chains, wanted = (row.split(", ") for row in rows)
+    letters = sides.split()[1:]
+    joints = found(
+        *skeleton(*([name.format(side) for name in chain] for side in letters for chain in chains))
+    )
+    for side, letter in zip(("left", "right"), letters, strict=True):
+        assert [joints[joint.format(side)] for joint in FOUND] == [name.format(letter) for name in wanted]
+
+
+def test_a_name_taken_for_another_joint_is_refused_with_the_flag():
+    names, parents = body("Spine", "Chest")
+    parents[names.index("LeftLeg")] = names.index("Hips")
+    with pytest.raises(
+        InputError, match="left_knee was taken to be LeftLeg, which does not hang from LeftUpLeg"
+    ):
+        named_joints(names, parents, "file.bvh")

@@ -436,7 +436,7 @@ def test_motions_and_sequences_are_told_apart(own, capsys):
     (own / "motions/body").mkdir(parents=True)
     shutil.copy(own / "mixed/hop.npz", own / "motions/body/hop.npz")
     shutil.copy(own / "mixed/hop.npz", own / "motions/skip.npz")
-    assert [task.motion.name for task in plan(SimulateConfig(), [own / "motions"])] == ["skip"]
+    assert [task.motion.name for task in plan(SimulateConfig(), [own / "motions"])] == ["skip", "body_hop"]
 
 
 def test_both_kinds_make_one_data_set_and_splits_go_by_name(own):
