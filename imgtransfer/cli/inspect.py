@@ -208,7 +208,8 @@ def _maps(source: Path) -> None:
     print(f"maps: {' and '.join(kinds)}, {reader.n_frames} frames at {maps.fps:g} fps")
     print(f"views: {one_line(', '.join(maps.views))}, {height} x {width} pixels (height x width)")
     covered = [
-        f"{view} {100 * share:.1f} %" for view, share in zip(maps.views, maps.mask.mean((1, 2)), strict=True)
+        f"{view} {100 * fraction:.1f} %"
+        for view, fraction in zip(maps.views, maps.mask.mean((1, 2)), strict=True)
     ]
     print(f"covered pixels: {', '.join(covered)}")
     print(f"box: {maps.box.lo.round(3).tolist()} to {maps.box.hi.round(3).tolist()} m")

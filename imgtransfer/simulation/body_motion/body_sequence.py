@@ -115,10 +115,10 @@ def _read(sequence: BodySequence) -> SampledBody:
 
 def _fastest(vertices: np.ndarray, fps: float) -> tuple[int, int, float]:
     """The vertex, the frame after which, and the speed in m/s, of the fastest movement."""
-    ways = [np.linalg.norm(end - start, axis=1) for start, end in pairwise(vertices)]
-    frame = int(np.argmax([way.max() for way in ways]))
-    vertex = int(ways[frame].argmax())
-    return vertex, frame, float(ways[frame][vertex] * fps)
+    displacements = [np.linalg.norm(end - start, axis=1) for start, end in pairwise(vertices)]
+    frame = int(np.argmax([way.max() for way in displacements]))
+    vertex = int(displacements[frame].argmax())
+    return vertex, frame, float(displacements[frame][vertex] * fps)
 
 
 def resampled(vertices: np.ndarray, given: float, fps: float) -> np.ndarray:
@@ -129,8 +129,8 @@ def resampled(vertices: np.ndarray, given: float, fps: float) -> np.ndarray:
     # Half a millionth of a frame of tolerance keeps a last frame that only rounding would drop.
     times = np.minimum(np.arange(int(last / given * fps + 1e-6) + 1) * (given / fps), last)
     before = np.minimum(times.astype(np.int64), last - 1)
-    share = (times - before).astype(vertices.dtype)[:, None, None]
-    return (1 - share) * vertices[before] + share * vertices[before + 1]
+    fraction = (times - before).astype(vertices.dtype)[:, None, None]
+    return (1 - fraction) * vertices[before] + fraction * vertices[before + 1]
 
 
 def speed_fault(sequence: BodySequence, body: SampledBody) -> str | None:
