@@ -29,9 +29,8 @@ class Option:
         return _NAMINGS[-1](self)
 
 
-Naming = Callable[
-    [Option], str
-]  # what readers call an option; a function of a module, so that processes can send it
+#: What readers call an option; a function of a module, so that processes can send it.
+Naming = Callable[[Option], str]
 
 
 def as_parameter(option: Option) -> str:

@@ -177,9 +177,8 @@ class RemoteFile:
         return self.place.url
 
     def state(self) -> tuple[int, Hashable]:
-        if not self.place.exists(
-            ""
-        ):  # first: of a server that refuses, `info` says that there is no such file
+        # First: of a server that refuses, `info` says that there is no such file.
+        if not self.place.exists(""):
             raise FileNotFoundError(self.where)
         with self.place.reached():
             info = self.place.filesystem.info(self.place.root)

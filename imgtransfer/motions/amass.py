@@ -17,11 +17,8 @@ from render.files.npz import Npz, open_npz
 
 BODY_COLUMNS = 3 * len(JOINTS)
 _SHORTEST, _LONGEST = 0.01, 100.0  # metres of a leg; dolls and giants included
-_BODIES = (
-    "smpl",
-    "smplh",
-    "smplx",
-)  # whose first 22 joints are these; MoSh also fits hands, faces and animals
+# Whose first 22 joints are these; MoSh also fits hands, faces and animals.
+_BODIES = ("smpl", "smplh", "smplx")
 _WANTED = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "leg_length")
 _PARTS = ("root_orient", "pose_body")  # of `poses`, which some releases hold alone
 

@@ -77,9 +77,8 @@ def standing_turns(
         rest: (J, 3) positions where no joint is turned. rotations: (T, J, 3, 3) from there. Both in our axes.
     """
     turns: dict[str, np.ndarray] = {}
-    upright: dict[
-        str, np.ndarray
-    ] = {}  # the same with limbs along the axes, as they are where the foot is flat
+    # The same with limbs along the axes, as they are where the foot is flat.
+    upright: dict[str, np.ndarray] = {}
     for number, name in enumerate(JOINTS):
         parent = JOINTS[PARENTS[number]] if number else ""
         while parent and parent not in joints:

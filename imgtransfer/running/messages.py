@@ -9,11 +9,8 @@ from contextlib import contextmanager
 
 from render.options import Option
 
-_FLAGS = {
-    "clips": "--clip",
-    "changes": "--set",
-    "up_axis": "--set files.up_axis",
-}  # where parameter and flag have different names
+# Where parameter and flag have different names.
+_FLAGS = {"clips": "--clip", "changes": "--set", "up_axis": "--set files.up_axis"}
 _LAYERS = ("render", "fusion", "imgtransfer")
 
 

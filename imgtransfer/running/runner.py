@@ -43,9 +43,8 @@ class Run(Generic[R]):
         total = len(self.values) + len(self.failures)
         if total == 1:
             raise InputError(next(iter(self.failures.values())))
-        tqdm.write(
-            f"failed, {len(self.failures)} of {total}:"
-        )  # on stdout, as what `run_tasks` says of each task
+        # On stdout, as what `run_tasks` says of each task.
+        tqdm.write(f"failed, {len(self.failures)} of {total}:")
         for name, reason in self.failures.items():
             tqdm.write(f"  {name}: {reason}")
         first = next(iter(self.failures.items()))

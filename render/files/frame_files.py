@@ -14,11 +14,8 @@ from render.files.mesh_files import SUFFIXES as MESHES
 from render.files.naming import natural, natural_sort
 from render.files.point_caches import SUFFIXES as CACHES
 
-FRAMES = (
-    ".obj",
-    ".ply",
-    ".glb",
-)  # STL, whose vertices have no order, is read where none of these is there
+# STL, whose vertices have no order, is read where none of these is there.
+FRAMES = (".obj", ".ply", ".glb")
 _SIGNS = "*?["
 
 

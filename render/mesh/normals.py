@@ -78,6 +78,5 @@ class VertexNormals:
         return self._of_sides(second - first, third - first)
 
     def _of_sides(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-        return safe_normalize(
-            self._sums(torch.linalg.cross(first, second, dim=-1))
-        )  # weights: twice the areas
+        twice_areas = torch.linalg.cross(first, second, dim=-1)
+        return safe_normalize(self._sums(twice_areas))
