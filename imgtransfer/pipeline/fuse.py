@@ -29,7 +29,7 @@ from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames
 from imgtransfer.data.reader import Reader
 from imgtransfer.pipeline.folder import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REPORT_FILE
 from imgtransfer.pipeline.pins import Pins
-from imgtransfer.running.fingerprint import MADE
+from imgtransfer.running.fingerprint import MADE, made_anew
 from render import InputError, MapFile, Mesh, MeshSequence, Option, write_png
 from render.files.atomic import written_whole
 from render.files.npz_writer import NpzWriter
@@ -98,7 +98,7 @@ def fuse_into(
         meshes: also write one mesh file a frame, of this kind.
         device: that computes, as PyTorch calls it.
         history: also report every term at every iteration.
-        made: the fingerprint that fused.npz shall keep, where it is a clip; None leaves the body's clip's.
+        made: the fingerprint that fused.npz shall keep, where it is a clip; None keeps none.
         progress: called with a number of frames when they are done.
 
     Returns:
@@ -221,7 +221,7 @@ def _parts(sequence: MeshSequence | None, count: int) -> Iterator[np.ndarray | N
 
 def _canonical(vertices: np.ndarray, frames: RootFrames, option: str, first: int) -> np.ndarray:
     """Vertices (T, B, 3) in the frames of the maps; InputError, which names the frame, where they are not finite."""
-    check_finite(vertices, option, first=first)
+    check_finite(vertices, str(Option(option)), first=first)
     return frames.to_canonical(vertices)
 
 
@@ -278,7 +278,7 @@ def _written_fused(
                     part.clip,
                     template=Template(constant["template_vertices"], template.faces, template.surface),
                     garment=Garment(vertices),
-                    info=part.clip.info | record,
+                    info=made_anew(part.clip.info) | record,
                 )
                 add_clip(clip)
 

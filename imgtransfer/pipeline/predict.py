@@ -18,7 +18,7 @@ from imgtransfer.network.model import FRAMES_AT_ONCE, Prediction, TransferModel
 from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE
 from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker
-from imgtransfer.running.fingerprint import MADE, fingerprint
+from imgtransfer.running.fingerprint import MADE, fingerprint, made_anew
 from imgtransfer.training.checkpoint import load_model
 from render import MapFile, Option, written_maps
 from render.files.atomic import written_whole_folder
@@ -103,7 +103,7 @@ def save_prediction(
             add_maps(_map_file(prediction))
             vertices = weights(model.imager.sample(prediction.metres())).numpy()
             garment = clip.with_garment(prediction.frames.to_world(vertices))
-            add_clip(replace(garment, info={**clip.info, **record}))
+            add_clip(replace(garment, info=made_anew(clip.info) | dict(record)))
 
 
 def _map_file(prediction: Prediction) -> MapFile:

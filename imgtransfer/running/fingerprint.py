@@ -42,3 +42,8 @@ def files_fingerprint(files: Iterable[Path]) -> str:
 def recorded(info: Mapping[str, str]) -> str | None:
     """The fingerprint of what a clip was made from, out of its `info`; None where that does not say."""
     return info.get(MADE, info.get(_EARLIER))
+
+
+def made_anew(info: Mapping[str, str]) -> dict[str, str]:
+    """A clip's `info` for another clip that is made from it: without the fingerprint, which would not be its own."""
+    return {key: text for key, text in info.items() if key not in (MADE, _EARLIER)}

@@ -1,6 +1,7 @@
 """A fusion of files, some frames at a time: the same numbers as of arrays in memory, and no more frames than needed."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stream")
     write_example(folder, 2)
     maps, clip = load_maps(folder / "maps.npz"), load_clip(folder / "clip.npz")
+    clip = replace(clip, info=clip.info | {"made": "the clip's own"})
     with written_maps(folder / "long.npz") as add_maps, written_clip(folder / "longer.npz") as add_clip:
         for frame in ORDER:
             add_maps(maps.part(slice(frame, frame + 1)))
@@ -61,6 +63,8 @@ def test_files_give_what_arrays_give(folder, tmp_path, threads, batch):
     found = load_clip(tmp_path / "fused.npz")
     np.testing.assert_array_equal(found.garment.vertices, frames.to_world(want.vertices))
     np.testing.assert_array_equal(found.body.vertices, clip.body.vertices)
+    assert clip.info["made"] == "the clip's own"
+    assert "made" not in found.info
     assert sum(done) == len(list((tmp_path / "meshes").iterdir())) == len(ORDER)
     for key in ("terms", "total", "iterations", "unseen_percent", "penetration_percent"):
         assert json.dumps(report[key]) == json.dumps(want.report[key])

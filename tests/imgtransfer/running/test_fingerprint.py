@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from imgtransfer.running import fingerprint as module
-from imgtransfer.running.fingerprint import files_fingerprint, fingerprint, recorded
+from imgtransfer.running.fingerprint import files_fingerprint, fingerprint, made_anew, recorded
 
 
 def test_a_fingerprint_is_of_the_parts_in_their_order() -> None:
@@ -66,3 +66,9 @@ def test_a_missing_file_counts_as_such(tmp_path: Path) -> None:
     missing, empty = tmp_path / "missing", tmp_path / "empty"
     empty.touch()
     assert len({files_fingerprint(files) for files in ([], [missing], [empty])}) == 3
+
+
+def test_what_is_made_from_a_clip_does_not_take_over_its_fingerprint() -> None:
+    info = {"made": "a", "imported": "b", "source": "c"}
+    assert made_anew(info) == {"source": "c"}
+    assert info["made"] == "a"  # the clip's own stays
