@@ -14,7 +14,6 @@ from safetensors.torch import load_file
 
 from imgtransfer.cli.main import main
 from imgtransfer.config.loader import to_yaml
-from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.report.logs import read_curves
 from imgtransfer.training import loop
 from imgtransfer.training.checkpoint import load_model, optimizer_state
@@ -26,19 +25,6 @@ from imgtransfer.training.trainer import Trainer
 from render import InputError
 from tests.helpers.full_disk import full_disk
 from tests.helpers.training import small_config
-
-
-@pytest.fixture(scope="module")
-def source(tube_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("clips")
-    save_clip(folder / "first.npz", tube_clip)
-    save_clip(folder / "second_test.npz", tube_clip.slice(slice(2, 5)))
-    return folder
-
-
-@pytest.fixture
-def config(source: Path) -> RunConfig:
-    return small_config(source)
 
 
 def steps(out: Path) -> list[int]:

@@ -15,7 +15,7 @@ from safetensors.torch import load_file
 
 from imgtransfer.cli.main import main
 from imgtransfer.config.loader import load_config, parse_config, to_yaml
-from imgtransfer.data.clip import Clip, save_clip
+from imgtransfer.data.clip import Clip
 from imgtransfer.network import TransferModel
 from imgtransfer.network.maps import metric_maps
 from imgtransfer.training.checkpoint import load_model, save_model
@@ -29,20 +29,6 @@ from tests.helpers.paths import ROOT
 from tests.helpers.training import small_config
 
 CONFIGS = ROOT / "configs"
-
-
-@pytest.fixture(scope="module")
-def source(tube_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with two clip npz files."""
-    folder = tmp_path_factory.mktemp("clips")
-    save_clip(folder / "first.npz", tube_clip)
-    save_clip(folder / "second_test.npz", tube_clip.slice(slice(2, 5)))
-    return folder
-
-
-@pytest.fixture
-def config(source: Path) -> RunConfig:
-    return small_config(source)
 
 
 @pytest.fixture(scope="module")
