@@ -7,7 +7,7 @@ from pathlib import Path
 from shlex import join
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.mesh_options import OF_AXES, OF_GARMENT_AXES, add_axes
+from imgtransfer.cli.mesh_options import OF_AXES, OF_GARMENT_AXES, OF_MOTION_AXES, add_axes
 from imgtransfer.cli.options import (
     add_changes,
     add_clip_names,
@@ -30,7 +30,18 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.pipeline.fuse import FuseOptions
 
 # Options of the form with --maps.
-SINGLE = ("out", "template", "initial", "body", "inner", "pins", *OF_AXES, *OF_GARMENT_AXES, "weld")
+SINGLE = (
+    "out",
+    "template",
+    "initial",
+    "body",
+    "inner",
+    "pins",
+    *OF_AXES,
+    *OF_GARMENT_AXES,
+    *OF_MOTION_AXES,
+    "weld",
+)
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:

@@ -8,7 +8,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.mesh_options import add_axes, chosen_axes
+from imgtransfer.cli.mesh_options import add_axes, chosen_axes, chosen_motion_axes
 from imgtransfer.cli.options import add_clip_names
 from render import InputError
 from render.errors import one_line
@@ -38,6 +38,9 @@ _OF = {
     "garment_up": ("meshes",),
     "garment_facing": ("meshes",),
     "garment_unit": ("meshes",),
+    "motion_up": ("meshes",),
+    "motion_facing": ("meshes",),
+    "motion_unit": ("meshes",),
     "weld": ("meshes",),
     "anyway": ("meshes",),
     "smpl": ("vto", "tailornet", "cloth3d", "virtualbones"),
@@ -153,6 +156,7 @@ def _options(args: argparse.Namespace, kind: str) -> ImportOptions:
         gender=args.gender,
         axes=axes,
         garment_axes=of_garment,
+        motion_axes=chosen_motion_axes(args),
         weld=args.weld,
         anyway=args.anyway,
     )

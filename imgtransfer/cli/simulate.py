@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imgtransfer.cli.mesh_options import add_axes, chosen_axes
+from imgtransfer.cli.mesh_options import OF_MOTION_AXES, add_axes, chosen_axes, chosen_motion_axes
 from imgtransfer.cli.options import add_changes, add_clip_names, add_runner, chosen_executor, refuse_twice
 from imgtransfer.running.messages import as_flag
 from render import InputError
@@ -19,13 +19,13 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
 _OF_GARMENT = ("garment", "pinned", "anyway", "garment_up", "garment_facing", "garment_unit")
 _OF_AXES = ("up", "facing", "unit", "scale")
 _OF_TEMPLATE = ("weld", "pinned", "anyway")  # keys of a garment's own mesh that are options, too
-_OF_SEQUENCES = ("body_rest", "fps")
+_OF_SEQUENCES = ("body_rest", "fps", *OF_MOTION_AXES)
 _DECIDED = {  # by options, in place of the configuration
     "template": ("garment", "garments"),
     "unit": ("sequences.unit", "sequences.scale"),
     "scale": ("sequences.unit", "sequences.scale"),
     "joints": ("files.joints",),
-    **{name: (f"sequences.{name}",) for name in ("up", "facing", "weld", "body_rest", "fps")},
+    **{name: (f"sequences.{name}",) for name in ("up", "facing", "weld", *_OF_SEQUENCES)},
 }
 
 
@@ -145,7 +145,8 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
     changes: dict[str, Any] = {}
     if args.joints is not None:
         changes["files"] = _with_joints(config.files, args.joints)
-    given = {name: getattr(args, name) for name in ("body_rest", "fps", "weld") if getattr(args, name)}
+    chosen_motion_axes(args)  # names the option of what is no axis
+    given = {name: getattr(args, name) for name in (*_OF_SEQUENCES, "weld") if getattr(args, name)}
     if any(getattr(args, name) for name in _OF_AXES):
         given |= {"up": axes.up, "facing": axes.facing, "scale": axes.scale}
     if given:

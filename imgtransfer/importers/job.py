@@ -13,7 +13,7 @@ from tqdm import tqdm
 from imgtransfer.data.choice import choose
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.store import DataSet, check_name
-from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
 from imgtransfer.running.fingerprint import MADE, fingerprint, recorded
 from render import InputError
 from render.files.textures import change_paths
@@ -34,6 +34,7 @@ class ImportOptions:
         gender: of the SMPL body, where the format does not say.
         axes: how the meshes' coordinates lie.
         garment_axes: how the garment's lie; None where they are as the body's.
+        motion_axes: how the frames of both lie where they lie otherwise than the rest meshes.
         weld: join split seams. anyway: import although the checks found something.
     """
 
@@ -47,6 +48,7 @@ class ImportOptions:
     gender: str | None = None
     axes: Axes = field(default_factory=Axes)
     garment_axes: Axes | None = None
+    motion_axes: MotionAxes = AS_AT_REST
     weld: bool = False
     anyway: bool = False
 

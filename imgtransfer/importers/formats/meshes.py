@@ -19,6 +19,7 @@ from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
+from imgtransfer.importers.checks.motion import check_motion
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.mesh_files import Source, find_source, moving_in
@@ -72,8 +73,9 @@ def job_of(name: str, source: Source, options: ImportOptions) -> Job:
 def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[MeshSequence, MeshSequence]:
     """Garment and body with their rest pose and first frames; `check` them, and print what does not stop the work."""
     garment_axes = options.garment_axes or options.axes
-    garment = open_in_metres(source.garment, "garment", garment_axes, source.template)
-    body = open_in_metres(source.body, "body", options.axes, source.body_rest)
+    motion = options.motion_axes
+    garment = open_in_metres(source.garment, "garment", garment_axes, source.template, motion=motion)
+    body = open_in_metres(source.body, "body", options.axes, source.body_rest, motion=motion)
     _check_lengths(garment, body)
     if check:
         found = check_template(
@@ -83,6 +85,8 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Me
             garment_given=garment_axes,
             welding=options.weld,
         )
+        if not {"unit", "axes"} & {fault.kind for fault in found}:
+            found += check_motion([body, garment], [motion.beside(options.axes), motion.beside(garment_axes)])
         for text in refuse(found, anyway=options.anyway):
             _log.warning("note: %s", text)
     return garment, body

@@ -52,7 +52,8 @@ class BodySequence:
         Raises:
             InputError: files that cannot be read, or a rest pose that is not the frames' mesh.
         """
-        return open_in_metres(self.moving, "body", self.settings.axes, self.rest)
+        settings = self.settings
+        return open_in_metres(self.moving, "body", settings.axes, self.rest, motion=settings.motion_axes)
 
     def read(self) -> SampledBody:
         """All frames, resampled and checked; the last one that was read is kept.

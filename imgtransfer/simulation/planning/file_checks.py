@@ -10,6 +10,8 @@ from tqdm import tqdm
 from imgtransfer.bodies.config import SmplConfig, make_body
 from imgtransfer.garments.config import TemplateConfig
 from imgtransfer.garments.garment import resting, template_garment
+from imgtransfer.importers.checks.findings import refuse
+from imgtransfer.importers.checks.motion import check_motion
 from imgtransfer.simulation.body_motion.body_sequence import BodySequence, speed_fault
 from imgtransfer.simulation.planning.task import Task
 from render import InputError
@@ -39,7 +41,11 @@ def check_files(tasks: Sequence[Task]) -> None:
             continue
         checked.add((wears, own))
         if isinstance(motion, BodySequence):
-            wearer, axes, called = motion.open().mesh, motion.settings.axes, ""
+            opened, settings = motion.open(), motion.settings
+            wearer, axes, called = opened.mesh, settings.axes, ""
+            lying = check_motion([opened], [settings.motion_axes.beside(axes)])
+            for text in refuse(lying, anyway=None if own is None else own.anyway):
+                note(text)
             if motion.rest is None:
                 note(f"{motion.moving}: no body_rest beside it, so its first frame is taken as the rest pose")
         elif own is not None or isinstance(task.config.body, SmplConfig):
