@@ -14,6 +14,7 @@ from imgtransfer.data.choice import choose
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.store import DataSet, check_name
 from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
+from imgtransfer.importers.summary import Summary
 from imgtransfer.running.fingerprint import MADE, fingerprint, recorded
 from render import InputError
 from render.files.textures import change_paths
@@ -62,6 +63,7 @@ class Job:
         split: such as train or test.
         files: what it is read from.
         read: reads the clip; raises InputError.
+        summary: what is taken, where that is known before the clip is read.
         marked: whether the data set notes what the clip was imported from; else the clip comes as it is, and what it
             holds says that.
     """
@@ -70,6 +72,7 @@ class Job:
     split: str
     files: tuple[Path, ...]
     read: Callable[[], Clip]
+    summary: Summary | None = None
     marked: bool = True
 
     def fingerprint(self, options: ImportOptions) -> str:

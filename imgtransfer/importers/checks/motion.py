@@ -71,8 +71,8 @@ def check_motion(sequences: Sequence[MeshSequence], axes: Sequence[Axes]) -> lis
         sequences: metres, y up, as the files and the user say. axes: how the frames of each lay in its files.
 
     Returns:
-        A fault for what lies in other units or along another axis than its rest mesh. The options that mend it hold
-        for the frames of all, so they are named only where all show the same.
+        A fault where some are in other units than their rest meshes, and one where some lie along another axis. The
+        options that mend it hold for the frames of all, so they are named only where all show the same.
 
     Raises:
         InputError: frames that cannot be read.
@@ -84,22 +84,27 @@ def check_motion(sequences: Sequence[MeshSequence], axes: Sequence[Axes]) -> lis
         for fact, lay in zip(facts, axes, strict=True)
     ]
     found = []
-    for sequence, fact, unit in zip(sequences, facts, units, strict=True):
-        if fact is not None and unit is not None:
-            hint = (
-                f"add {Option('motion_unit', unit)}"
-                if unit and set(units) == {unit}
-                else "export both in the same units"
-            )
-            text = f"{sequence.source}: its frames are {fact.size:.3g} times as large as {sequence.mesh.source}, in "
-            found.append(MeshFault("unit", f"{text}other units: {hint}", True))
-    for sequence, up in zip(sequences, ups, strict=True):
-        if up is not None:
-            hint = (
-                f"add {Option('motion_up', up)}" if set(ups) == {up} else "export both with the same axis up"
-            )
-            text = f"{sequence.source}: upright in {sequence.mesh.source}, but its frames all lie, with {up} up: "
-            found.append(MeshFault("axes", text + hint, True))
+    if any(unit is not None for unit in units):
+        text = "; ".join(
+            f"{sequence.source}: its frames are {fact.size:.3g} times as large as {sequence.mesh.source}"
+            for sequence, fact, unit in zip(sequences, facts, units, strict=True)
+            if fact is not None and unit is not None
+        )
+        named = units[0] if len(set(units)) == 1 and units[0] else None
+        hint = f"add {Option('motion_unit', named)}" if named else "export both in the same units"
+        found.append(MeshFault("unit", f"{text}, in other units: {hint}", True))
+    if any(up is not None for up in ups):
+        text = "; ".join(
+            f"{sequence.source}: upright in {sequence.mesh.source}, but its frames all lie, with {up} up"
+            for sequence, up in zip(sequences, ups, strict=True)
+            if up is not None
+        )
+        hint = (
+            f"add {Option('motion_up', ups[0])}"
+            if len(set(ups)) == 1
+            else "export both with the same axis up"
+        )
+        found.append(MeshFault("axes", f"{text}: {hint}", True))
     return found
 
 
