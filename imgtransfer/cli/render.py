@@ -115,6 +115,8 @@ def run(args: argparse.Namespace) -> None:
         file_format=args.format,
     )
     for scene, other in _scenes(args):
+        for line in scene.taken:
+            print(line)
         target = args.out / folder_of_clip(scene.name)
         total = scene.n_frames * len(scene.meshes)
         with tqdm(total=total, desc=scene.name, unit="frame", disable=None) as bar:

@@ -49,12 +49,15 @@ def told(summaries: Sequence[Summary]) -> str:
     )
 
 
-def motion_text(moving: MeshSequence, rest: Path | None) -> str:
+def motion_text(moving: MeshSequence) -> str:
     """Where a mesh in motion comes from: its frames, and its rest pose."""
     names = moving.frame_names
     frames = f" ({names[0]} to {names[-1]})" if names and len(names) > 1 else ""
     number = f"{moving.n_frames} frames" if moving.n_frames != 1 else "1 frame"
-    return f"{moving.source}: {number}{frames}, at rest {'as in the first frame' if rest is None else f'as in {rest}'}"
+    first = moving.mesh.source in (moving.source, *(names or ())) or (
+        names is not None and Path(moving.mesh.source).name == names[0]
+    )
+    return f"{moving.source}: {number}{frames}, at rest as in {'the first frame' if first else moving.mesh.source}"
 
 
 def mesh_text(mesh: Mesh, joined: int | None = None) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from imgtransfer.data.canonical import RootFrames, RootMode, root_frames
 from imgtransfer.data.clip import Clip
@@ -14,6 +15,7 @@ from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
 from imgtransfer.importers.checks.motion import note_motion
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
+from imgtransfer.importers.summary import mesh_text, motion_text, size_text
 from render import InputError, Mesh, MeshSequence, Option
 from render.files.frame_files import is_pattern
 from render.files.sequence import is_sequence
@@ -30,6 +32,7 @@ class Scene:
         frames: T canonical frames.
         fps: frames a second.
         numbers: T, what the frames are called in pictures.
+        taken: a line a mesh file in motion, what was taken from it.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Scene:
     frames: RootFrames
     fps: float
     numbers: range
+    taken: tuple[str, ...] = ()
 
     @property
     def n_frames(self) -> int:
@@ -104,7 +108,10 @@ def mesh_scene(
     if body is not None:
         moving.append(open_in_metres(body, "body", axes, body_template, motion=motion_axes))
     _check_frames([frames, body], moving, [garment_axes, axes], motion_axes)
-    garment, *dressed = [(weld_sequence(one) if welding else one).loaded() for one in moving]
+    taken = tuple(f"{motion_text(one)}; {mesh_text(one.mesh)}; {size_text(one.mesh)}" for one in moving)
+    total = sum(sequence.n_frames for sequence in moving)
+    with tqdm(total=total, desc="read", unit="frame", leave=False, disable=None) as bar:
+        garment, *dressed = [(weld_sequence(one) if welding else one).loaded(bar.update) for one in moving]
     name = template.stem if frames.is_dir() or is_pattern(frames) else frames.stem
     if not dressed:
         if root is not None:
@@ -113,7 +120,7 @@ def mesh_scene(
             )
         count = garment.n_frames
         still = RootFrames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
-        return Scene(name, garment.mesh, {"garment": garment}, still, fps, range(count))
+        return Scene(name, garment.mesh, {"garment": garment}, still, fps, range(count), taken)
     (worn_by,) = dressed
     clip = Clip(
         template=Template(vertices=garment.mesh.vertices.astype(np.float32), faces=garment.mesh.faces),
@@ -126,7 +133,7 @@ def mesh_scene(
         fps=fps,
         name=name,
     )
-    return clip_scene(clip, root or "heading")
+    return replace(clip_scene(clip, root or "heading"), taken=taken)
 
 
 def _check_frames(

@@ -86,9 +86,9 @@ def _summary(
             "note: %s has %g frames a second, %s %g", garment.source, garment.fps, body.source, body.fps
         )
     facts = [
-        ("garment", motion_text(garment, source.template)),
+        ("garment", motion_text(garment)),
         ("", f"{mesh_text(garment.mesh, joined)}; {size_text(garment.mesh)}"),
-        ("body", motion_text(body, source.body_rest)),
+        ("body", motion_text(body)),
         ("", f"{len(body.mesh.vertices)} vertices; {size_text(body.mesh)}"),
         *lying_facts(body.mesh, options.axes, options.garment_axes, options.motion_axes),
         ("rate", rate_text(options.fps, garment.fps or body.fps, FPS)),

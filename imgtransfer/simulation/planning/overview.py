@@ -62,7 +62,7 @@ def _of_garment(garment: TemplateConfig) -> Summary:
 def _of_sequence(sequence: BodySequence) -> Summary:
     opened, settings = sequence.open(), sequence.settings
     facts = [
-        ("body", motion_text(opened, sequence.rest)),
+        ("body", motion_text(opened)),
         ("", f"{len(opened.mesh.vertices)} vertices; {size_text(opened.mesh)}"),
         *lying_facts(opened.mesh, settings.axes, motion_axes=settings.motion_axes),
         ("rate", rate_text(settings.fps, opened.fps, FPS)),
