@@ -112,12 +112,13 @@ def run(args: argparse.Namespace) -> None:
     kind, paths = _kind(args)
     options = _options(args, kind)
     found = chosen(_jobs(args, kind, paths, options), options, " ".join(map(str, paths)) or kind)
-    _tell(found, first=args.dry_run)
     if args.dry_run:
+        _tell(found, first=True)
         print(f"dry run  {len(found)} clips would be imported into {args.to}; nothing was written")
         return
     data = DataSet.open_or_create(args.to, title=args.title, licence=args.licence, source=args.origin)
     kept = run_jobs(found, data, options)
+    _tell(found, first=False)
     for job in found:
         print(f"{job.name}  {data.clip_attributes(job.name).frames} frames  {one_line(job.split)}")
     already = f" ({kept} there already)" if kept else ""

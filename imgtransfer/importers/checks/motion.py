@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, axis_name, axis_vector
+from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, axis_name, axis_vector, guess_axes
 from imgtransfer.importers.checks.findings import MeshFault, refuse
 from render import MeshSequence, Option
 from render.mesh.measures import edge_lengths
@@ -18,6 +18,9 @@ _log = logging.getLogger(__name__)
 _FRAMES = 5  # that are looked at, from the first to the last
 _SAMPLES = 4000  # vertices and edges that are
 _SIZE = 1.5  # by which edges may be longer or shorter than at rest, in the middle
+_TORN = (
+    0.2  # of the edges that change by more than this apart from a common factor: vertices in another order
+)
 _UPRIGHT = 0.5  # cosine of the angle to the vertical from which on a mesh does not lie
 _ALONG = 0.7  # likewise to the axis that it lies along, in every frame
 
@@ -37,7 +40,7 @@ class MotionFacts:
 
 
 def motion_facts(sequence: MeshSequence) -> MotionFacts | None:
-    """Compare some frames with the mesh at rest; None where that is flat or a point, which tells nothing.
+    """Compare some frames with the mesh at rest; None where that tells nothing: a line, a point, or another mesh.
 
     Raises:
         InputError: frames that cannot be read.
@@ -49,17 +52,16 @@ def motion_facts(sequence: MeshSequence) -> MotionFacts | None:
     lengths = edge_lengths(rest.vertices, edges)
     if not (lengths > 0).any():
         return None
+    edges, lengths = edges[lengths > 0], lengths[lengths > 0]
     sizes, ups = [], []
     for number in sorted({round(step) for step in np.linspace(0, sequence.n_frames - 1, _FRAMES)}):
         moved = np.asarray(sequence.frame(number), np.float64)
-        sizes.append(
-            float(
-                np.median((edge_lengths(moved, edges) / np.where(lengths > 0, lengths, np.nan))[lengths > 0])
-            )
-        )
-        turn = _turn(rest.vertices[used], moved[used])
-        if turn is None:
+        ratio = np.maximum(edge_lengths(moved, edges) / lengths, 1e-12)
+        size, turn = float(np.median(ratio)), _turn(rest.vertices[used], moved[used])
+        torn = np.abs(np.log(ratio / size)) > np.log(_SIZE)
+        if turn is None or torn.mean() > _TORN:
             return None
+        sizes.append(size)
         ups.append(turn[:, 1])
     return MotionFacts(float(np.median(sizes)), _lying_along(np.array(ups)))
 
@@ -115,6 +117,15 @@ def note_motion(sequences: Sequence[MeshSequence], axes: Sequence[Axes]) -> None
         InputError: frames that cannot be read, or that are in other units than their rest meshes.
     """
     found = check_motion(sequences, axes)
+    for sequence, lay in zip(sequences, axes, strict=True):
+        guess = guess_axes(sequence.mesh.vertices)
+        if guess is not None and (guess.up, guess.facing) != ("y", "z"):
+            # How its frames lie tells nothing before its rest pose stands.
+            found = [fault for fault in found if fault.kind != "axes"]
+            right = Axes(_of_file(guess.up, lay), _of_file(guess.facing, lay))
+            text = f"{sequence.mesh.source}: stands along {right.up} and faces {right.facing}: add {right}"
+            found.append(MeshFault("axes", text, True))
+            break
     for text in refuse([replace(fault, severe=fault.kind == "unit") for fault in found], anyway=None):
         _log.warning("note: %s", text)
 

@@ -41,11 +41,7 @@ def check_files(tasks: Sequence[Task]) -> None:
             continue
         checked.add((wears, own))
         if isinstance(motion, BodySequence):
-            opened, settings = motion.open(), motion.settings
-            wearer, axes, called = opened.mesh, settings.axes, ""
-            lying = check_motion([opened], [settings.motion_axes.beside(axes)])
-            for text in refuse(lying, anyway=None if own is None else own.anyway):
-                note(text)
+            wearer, axes, called = motion.open().mesh, motion.settings.axes, ""
             if motion.rest is None:
                 note(f"{motion.moving}: no body_rest beside it, so its first frame is taken as the rest pose")
         elif own is not None or isinstance(task.config.body, SmplConfig):
@@ -60,6 +56,10 @@ def check_files(tasks: Sequence[Task]) -> None:
                 note(text)
         except InputError as error:
             raise InputError(f"on the body {called}: {error}" if called else str(error)) from error
+        if isinstance(motion, BodySequence):
+            lying = check_motion([motion.open()], [motion.settings.motion_axes.beside(motion.settings.axes)])
+            for text in refuse(lying, anyway=own.anyway):
+                note(text)
 
 
 def steady(tasks: Sequence[Task]) -> list[Task]:

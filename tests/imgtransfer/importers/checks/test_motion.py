@@ -198,3 +198,16 @@ def test_fuse_reads_a_cache_as_the_mesh_beside_it_lies(
     assert caplog.text == ""
     with pytest.raises(InputError, match="add motion_unit='m'"):
         given("--unit=m", "--motion-unit=mm", "--motion-up=z")
+
+
+def test_a_rest_mesh_that_lies_is_named_before_its_frames(caplog: pytest.LogCaptureFixture) -> None:
+    rest = Mesh(in_file(BODY.vertices, Axes("z", "-y")), BODY.faces, "rest.obj")
+    aside = in_file(walked(BODY), Axes("z", "x"))
+    note_motion([MeshSequence.of_array(rest, aside, source="walk.pc2")], [METRES])
+    assert "rest.obj: stands along z and faces -y: add up='z' facing='-y'" in caplog.text
+    assert "walk.pc2" not in caplog.text
+
+
+def test_vertices_in_another_order_tell_nothing() -> None:
+    shuffled = walked(BODY)[:, np.random.default_rng(0).permutation(len(BODY.vertices))]
+    assert motion_facts(sequence(shuffled)) is None
