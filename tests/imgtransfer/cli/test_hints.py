@@ -15,6 +15,7 @@ from imgtransfer.cli.main import build_parser
 from imgtransfer.cli.simulate import as_option, as_option_with_template
 from imgtransfer.garments.config import TemplateConfig
 from imgtransfer.running.messages import as_flag
+from imgtransfer.simulation.motion_config import FileMotions
 from render.options import Naming, Option
 from tests.helpers.paths import ROOT
 
@@ -45,7 +46,7 @@ COMMANDS = {
     "imgtransfer/garments": ("simulate",),
 }
 PROGRAMS = ("imgtransfer/demo", "imgtransfer/cli")  # that have their own arguments, or speak of nothing else
-SECTIONS = {"garment": TemplateConfig, "body": SmplConfig}
+SECTIONS = {"garment": TemplateConfig, "body": SmplConfig, "files": FileMotions}
 
 
 def options() -> Iterator[tuple[str, str]]:
@@ -75,6 +76,8 @@ def exists(text: str, known: set[str]) -> bool:
     """Whether what a message calls an option is a flag, or a key of the garment's or body's configuration."""
     if setting := re.fullmatch(r"`(\w+)\.(\w+)`", text):
         return setting[2] in SECTIONS[setting[1]].model_fields
+    if change := re.fullmatch(r"--set (\w+)\.(\w+)(=.*)?", text):
+        return "--set" in known and change[2] in SECTIONS[change[1]].model_fields
     return text in known
 
 
@@ -101,6 +104,9 @@ def test_the_walk_finds_what_is_wrong() -> None:
     assert not exists("--smpl", flags(commands()["simulate"]))
     assert not exists("`garment.nothing`", set())
     assert exists("`body.path`", set())
+    assert exists("--set files.up_axis=z", {"--set"})
+    assert not exists("--set files.up_axis=z", {"--up"})
+    assert not exists("--set files.nothing", {"--set"})
     assert as_option(Option("smpl")) == as_option_with_template(Option("smpl")) == "`body.path`"
     assert as_option(Option("garment_unit", "cm")) == "`garment.unit: cm`"
     assert as_option_with_template(Option("garment_unit", "cm")) == "--garment-unit=cm"
