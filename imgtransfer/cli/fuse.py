@@ -7,7 +7,7 @@ from pathlib import Path
 from shlex import join
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.mesh_options import OF_AXES, OF_GARMENT_AXES, add_axes
+from imgtransfer.cli.mesh_options import OF_AXES, OF_GARMENT_AXES, OF_MOTION_AXES, add_axes
 from imgtransfer.cli.options import (
     add_changes,
     add_clip_names,
@@ -30,7 +30,18 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.pipeline.fuse import FuseOptions
 
 # Options of the form with --maps.
-SINGLE = ("out", "template", "initial", "body", "inner", "pins", *OF_AXES, *OF_GARMENT_AXES, "weld")
+SINGLE = (
+    "out",
+    "template",
+    "initial",
+    "body",
+    "inner",
+    "pins",
+    *OF_AXES,
+    *OF_GARMENT_AXES,
+    *OF_MOTION_AXES,
+    "weld",
+)
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -203,12 +214,16 @@ def _check_device(device: str) -> None:
 def _fuse_file(args: argparse.Namespace, options: FuseOptions) -> None:
     """Fuse --maps; the folder --out appears whole or not at all."""
     from imgtransfer.cli.fuse_files import given_files  # noqa: PLC0415
+    from imgtransfer.importers.summary import motion_text, size_text  # noqa: PLC0415
     from imgtransfer.pipeline.fuse_task import fuse_file  # noqa: PLC0415
     from imgtransfer.report.fusion_history import fusion_table  # noqa: PLC0415
     from render.files.atomic import written_whole_folder  # noqa: PLC0415
 
     check_replaceable(args.out)
     inputs = given_files(args)
+    for name in ("body", "initial", "inner"):
+        if (moving := getattr(inputs, name)) is not None:
+            print(f"{name:<8} {motion_text(moving)}; {size_text(moving.mesh)}")
     files = (args.template, args.initial, args.body, args.inner, args.pins)
     with written_whole_folder(args.out) as folder:
         report = fuse_file(

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from imgtransfer.cli.mesh_options import check_axes_used, chosen_axes
+from imgtransfer.cli.mesh_options import check_axes_used, chosen_axes, chosen_motion_axes
 from imgtransfer.data.sequences import clip_reader
+from imgtransfer.importers.checks.motion import note_motion
 from imgtransfer.importers.checks.weld import Welded, weld
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.pipeline.fuse import FuseInputs
@@ -34,16 +35,30 @@ def given_files(args: argparse.Namespace) -> FuseInputs:
         raise InputError("--weld goes with --template, whose split seams it joins")
     axes, of_garment = chosen_axes(args)
     of_garment = of_garment or axes
+    motion = chosen_motion_axes(args)
     arrays = args.body is not None and not is_sequence(args.body)
     moved = args.template if args.initial is not None and is_cache(args.initial) else None
     given = FuseInputs(
         template=of_garment.of_mesh(load_mesh(args.template)) if args.template else None,
-        initial=open_in_metres(args.initial, "garment", of_garment, moved) if args.initial else None,
-        body=open_in_metres(args.body, "body", axes) if args.body else None,
+        initial=open_in_metres(args.initial, "garment", of_garment, moved, motion=motion)
+        if args.initial
+        else None,
+        body=open_in_metres(args.body, "body", axes, motion=motion) if args.body else None,
         clip=clip_reader(args.body) if arrays else None,
-        inner=open_in_metres(args.inner, "garment", of_garment) if args.inner else None,
+        inner=open_in_metres(args.inner, "garment", of_garment, motion=motion) if args.inner else None,
         pins=load_pins(args.pins) if args.pins else None,
     )
+    opened = (
+        (args.body, given.body, axes),
+        (args.initial, given.initial, of_garment),
+        (args.inner, given.inner, of_garment),
+    )
+    told = [
+        (moving, motion.beside(lay))
+        for path, moving, lay in opened
+        if moving is not None and is_sequence(path)
+    ]
+    note_motion([moving for moving, _ in told], [lay for _, lay in told])
     return _welded(given, args) if args.weld else given
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import importlib
+from collections.abc import Sequence
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.mesh_options import add_axes, chosen_axes
-from imgtransfer.cli.options import add_clip_names
+from imgtransfer.cli.mesh_options import add_axes, chosen_axes, chosen_motion_axes
+from imgtransfer.cli.options import add_clip_names, add_dry_run
 from render import InputError
 from render.errors import one_line
 
@@ -38,6 +39,9 @@ _OF = {
     "garment_up": ("meshes",),
     "garment_facing": ("meshes",),
     "garment_unit": ("meshes",),
+    "motion_up": ("meshes",),
+    "motion_facing": ("meshes",),
+    "motion_unit": ("meshes",),
     "weld": ("meshes",),
     "anyway": ("meshes",),
     "smpl": ("vto", "tailornet", "cloth3d", "virtualbones"),
@@ -75,6 +79,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument(
         "--source", dest="origin", default="", help="of a new data set: where the clips come from"
     )
+    add_dry_run(parser, "what would be imported")
     _add_meshes(parser.add_argument_group("meshes"))
     body = parser.add_argument_group("SMPL bodies (vto, tailornet, cloth3d, virtualbones)")
     body.add_argument("--smpl", type=Path, metavar="FOLDER", help="your files of the SMPL model")
@@ -107,13 +112,31 @@ def run(args: argparse.Namespace) -> None:
     kind, paths = _kind(args)
     options = _options(args, kind)
     found = chosen(_jobs(args, kind, paths, options), options, " ".join(map(str, paths)) or kind)
+    if args.dry_run:
+        _tell(found, first=True)
+        print(f"dry run  {len(found)} clips would be imported into {args.to}; nothing was written")
+        return
     data = DataSet.open_or_create(args.to, title=args.title, licence=args.licence, source=args.origin)
     kept = run_jobs(found, data, options)
+    _tell(found, first=False)
     for job in found:
         print(f"{job.name}  {data.clip_attributes(job.name).frames} frames  {one_line(job.split)}")
     already = f" ({kept} there already)" if kept else ""
     print(f"done     {len(found)} clips{already} in {args.to}")
     print(f"next     imgtransfer inspect {quote(str(args.to))}")
+
+
+def _tell(jobs: Sequence[Job], *, first: bool) -> None:
+    """Print what is taken; `first` reads the first clip where that is not known before."""
+    from imgtransfer.importers.summary import clip_summary, told  # noqa: PLC0415
+
+    known = [job.summary for job in jobs if job.summary is not None]
+    if first and not known:
+        for job in jobs:
+            print(f"{job.name}  {one_line(job.split)}  from {', '.join(str(file) for file in job.files[:3])}")
+        known = [clip_summary(f"{jobs[0].name}, the first of them", jobs[0].read())]
+    if known:
+        print(told(known))
 
 
 def _kind(args: argparse.Namespace) -> tuple[str, list[Path]]:
@@ -153,6 +176,7 @@ def _options(args: argparse.Namespace, kind: str) -> ImportOptions:
         gender=args.gender,
         axes=axes,
         garment_axes=of_garment,
+        motion_axes=chosen_motion_axes(args),
         weld=args.weld,
         anyway=args.anyway,
     )

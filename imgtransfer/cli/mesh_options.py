@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 from render import InputError
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.importers.checks.axes import Axes
+    from imgtransfer.importers.checks.axes import Axes, MotionAxes
 
 
 OF_AXES = ("up", "facing", "unit", "scale")  # as `add_axes` calls them
 OF_GARMENT_AXES = ("garment_up", "garment_facing", "garment_unit")
+OF_MOTION_AXES = ("motion_up", "motion_facing", "motion_unit")
 
 
 def add_axes(group: argparse._ArgumentGroup) -> None:
-    """Add --up, --facing, --unit, --scale and the garment's own; a minus needs the equals sign: --facing=-y."""
+    """Add --up, --facing, --unit, --scale, the garment's own and the frames'; a minus needs an equals sign: --up=-y."""
     axes = "x, y, z, -x, -y or -z"
     group.add_argument("--up", help=f"the files' axis that points up: {axes}; default y")
     group.add_argument(
@@ -28,6 +29,25 @@ def add_axes(group: argparse._ArgumentGroup) -> None:
         group.add_argument(
             f"--garment-{what}", help=f"--{what} of the garment's files, where it is not the body's"
         )
+        group.add_argument(
+            f"--motion-{what}",
+            help=f"--{what} of the frames, where it is not the rest meshes': of caches, say",
+        )
+
+
+def chosen_motion_axes(args: argparse.Namespace) -> MotionAxes:
+    """How the frames lie where that is otherwise than the rest meshes.
+
+    Raises:
+        InputError: an unknown axis or unit.
+    """
+    from imgtransfer.importers.checks.axes import AXES, MotionAxes  # noqa: PLC0415
+
+    for option in ("motion_up", "motion_facing"):
+        value = getattr(args, option)
+        if value is not None and value not in AXES:
+            raise InputError(f"--{option.replace('_', '-')} {value}: one of {', '.join(AXES)} is wanted")
+    return MotionAxes(args.motion_up, args.motion_facing, _metres("--motion-unit", args.motion_unit))
 
 
 def chosen_axes(args: argparse.Namespace) -> tuple[Axes, Axes | None]:
@@ -56,7 +76,11 @@ def check_axes_used(args: argparse.Namespace, *, body: bool, garment: bool, want
         body, garment: whether there are mesh files of a body and of a garment.
         wanted: what the options go with, for the message.
     """
-    given = [option for option in (*OF_AXES, *OF_GARMENT_AXES) if getattr(args, option) is not None]
+    given = [
+        option
+        for option in (*OF_AXES, *OF_GARMENT_AXES, *OF_MOTION_AXES)
+        if getattr(args, option) is not None
+    ]
     if not (body or garment):
         unused = given
     elif not garment:

@@ -33,6 +33,13 @@ def add_clip_names(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_dry_run(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add --dry-run, which says `what` and stops."""
+    parser.add_argument(
+        "--dry-run", action="store_true", help=f"read and check the files, say {what} and how, and stop"
+    )
+
+
 def add_changes(parser: argparse.ArgumentParser, example: str) -> None:
     """Add --set, which changes values of the command's configuration (`imgtransfer.config.loader.with_changes`)."""
     parser.add_argument(

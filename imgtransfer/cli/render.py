@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 from imgtransfer.cli.mesh_options import (
     OF_AXES,
     OF_GARMENT_AXES,
+    OF_MOTION_AXES,
     add_axes,
     check_axes_used,
     chosen_axes,
+    chosen_motion_axes,
 )
 from imgtransfer.cli.options import (
     add_clip_choice,
@@ -30,7 +32,15 @@ if TYPE_CHECKING:
     from imgtransfer.pipeline.render import RenderOptions
     from imgtransfer.pipeline.scene import Scene
 
-MESH_OPTIONS = ("body", "body_template", "fps", *OF_AXES, *OF_GARMENT_AXES, "weld")  # only with --template
+MESH_OPTIONS = (
+    "body",
+    "body_template",
+    "fps",
+    *OF_AXES,
+    *OF_GARMENT_AXES,
+    *OF_MOTION_AXES,
+    "weld",
+)  # only with --template
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -105,6 +115,8 @@ def run(args: argparse.Namespace) -> None:
         file_format=args.format,
     )
     for scene, other in _scenes(args):
+        for line in scene.taken:
+            print(line)
         target = args.out / folder_of_clip(scene.name)
         total = scene.n_frames * len(scene.meshes)
         with tqdm(total=total, desc=scene.name, unit="frame", disable=None) as bar:
@@ -176,6 +188,7 @@ def _meshes(args: argparse.Namespace, frames: str) -> Scene:
         fps=fps,
         axes=axes,
         garment_axes=garment_axes,
+        motion_axes=chosen_motion_axes(args),
         welding=args.weld,
     )
     return _cut(args, scene)

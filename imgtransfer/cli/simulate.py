@@ -6,8 +6,15 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imgtransfer.cli.mesh_options import add_axes, chosen_axes
-from imgtransfer.cli.options import add_changes, add_clip_names, add_runner, chosen_executor, refuse_twice
+from imgtransfer.cli.mesh_options import OF_MOTION_AXES, add_axes, chosen_axes, chosen_motion_axes
+from imgtransfer.cli.options import (
+    add_changes,
+    add_clip_names,
+    add_dry_run,
+    add_runner,
+    chosen_executor,
+    refuse_twice,
+)
 from imgtransfer.running.messages import as_flag
 from render import InputError
 from render.options import Option, options_named
@@ -19,13 +26,14 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
 _OF_GARMENT = ("garment", "pinned", "anyway", "garment_up", "garment_facing", "garment_unit")
 _OF_AXES = ("up", "facing", "unit", "scale")
 _OF_TEMPLATE = ("weld", "pinned", "anyway")  # keys of a garment's own mesh that are options, too
-_OF_SEQUENCES = ("body_rest", "fps")
+_OF_BODY = {"smpl": "path", "gender": "gender"}  # what importers call a SMPL body's settings
+_OF_SEQUENCES = ("body_rest", "fps", *OF_MOTION_AXES)
 _DECIDED = {  # by options, in place of the configuration
     "template": ("garment", "garments"),
     "unit": ("sequences.unit", "sequences.scale"),
     "scale": ("sequences.unit", "sequences.scale"),
     "joints": ("files.joints",),
-    **{name: (f"sequences.{name}",) for name in ("up", "facing", "weld", "body_rest", "fps")},
+    **{name: (f"sequences.{name}",) for name in ("up", "facing", "weld", *_OF_SEQUENCES)},
 }
 
 
@@ -59,6 +67,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--out", type=Path, required=True, help="the data set, made where it does not exist")
     parser.add_argument("--frames", type=int, help="only the first FRAMES frames of each motion")
     add_clip_names(parser)
+    add_dry_run(parser, "which clips would be simulated")
     add_changes(parser, "cloth.fabric=silk, --set clips.0.seed=3")
     _add_meshes(parser.add_argument_group("your own garment and body"))
     add_runner(parser)
@@ -92,9 +101,11 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
 def run(args: argparse.Namespace) -> None:
     """Simulate, and say where the data set is."""
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
+    from imgtransfer.importers.summary import told  # noqa: PLC0415
     from imgtransfer.running.extras import check_installed  # noqa: PLC0415
     from imgtransfer.simulation.config import SimulateConfig  # noqa: PLC0415
     from imgtransfer.simulation.planning.job import simulate  # noqa: PLC0415
+    from imgtransfer.simulation.planning.overview import plan_lines, summaries_of  # noqa: PLC0415
     from imgtransfer.simulation.planning.plan import plan  # noqa: PLC0415
     from imgtransfer.simulation.planning.sources import sorted_sources  # noqa: PLC0415
 
@@ -111,8 +122,14 @@ def run(args: argparse.Namespace) -> None:
         args, sequences=bool(sequences), bvh=any(file.path.suffix.lower() == ".bvh" for file in motions)
     )
     source = str(configs[0]) if configs else "simulate"
-    with options_named(as_flag if args.template is not None else _as_setting):
+    with options_named(as_option_with_template if args.template is not None else as_option):
         tasks = plan(config, sources, frames=args.frames, clips=args.clip, source=source)
+        if summaries := summaries_of(tasks):
+            print(told(summaries))
+        if args.dry_run:
+            for line in plan_lines(tasks, args.out):
+                print(line)
+            return
         rejected = simulate(tasks, args.out, executor=executor)
     print(f"{len(tasks) - len(rejected)} of {len(tasks)} clips stand, {len(rejected)} rejected")
     for name, reason in rejected.items():
@@ -121,13 +138,23 @@ def run(args: argparse.Namespace) -> None:
     print(f"next     imgtransfer inspect {args.out}")
 
 
-def _as_setting(option: Option) -> str:
-    """An option of the garment as the configuration has it, `garment.unit: cm`; any other as a flag."""
+def as_option(option: Option) -> str:
+    """An option of the garment or body as the configuration has it, `garment.unit: cm`; any other as a flag."""
     key = option.name.removeprefix("garment_")
     if key == option.name and key not in _OF_TEMPLATE:
-        return as_flag(option)
+        return as_option_with_template(option)
+    return _as_setting(f"garment.{key}", option)
+
+
+def as_option_with_template(option: Option) -> str:
+    """The same where the garment is an argument, and so has flags; a SMPL body's files are always a setting."""
+    key = _OF_BODY.get(option.name)
+    return as_flag(option) if key is None else _as_setting(f"body.{key}", option)
+
+
+def _as_setting(key: str, option: Option) -> str:
     value = "true" if option.value is True else option.value
-    return f"`garment.{key}`" if value is None else f"`garment.{key}: {value}`"
+    return f"`{key}`" if value is None else f"`{key}: {value}`"
 
 
 def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateConfig:
@@ -145,7 +172,8 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
     changes: dict[str, Any] = {}
     if args.joints is not None:
         changes["files"] = _with_joints(config.files, args.joints)
-    given = {name: getattr(args, name) for name in ("body_rest", "fps", "weld") if getattr(args, name)}
+    chosen_motion_axes(args)  # names the option of what is no axis
+    given = {name: getattr(args, name) for name in (*_OF_SEQUENCES, "weld") if getattr(args, name)}
     if any(getattr(args, name) for name in _OF_AXES):
         given |= {"up": axes.up, "facing": axes.facing, "scale": axes.scale}
     if given:

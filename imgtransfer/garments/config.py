@@ -116,6 +116,7 @@ class TrousersConfig(_Lower):
 
 
 AxisName = Literal["x", "y", "z", "-x", "-y", "-z"]
+UnitName = Literal["m", "cm", "mm", "dm", "in", "ft"]
 
 
 class MeshFile(Section):
@@ -125,7 +126,7 @@ class MeshFile(Section):
     facing: AxisName | None = Field(
         None, description="The file's axis that the body faces; null is z, or -y where z is up."
     )
-    unit: Annotated[Literal["m", "cm", "mm", "dm", "in", "ft"], DependsOn("scale")] = Field(
+    unit: Annotated[UnitName, DependsOn("scale")] = Field(
         "m", description="The file's unit of length; not together with `scale`."
     )
     scale: Annotated[float, Unit("m per unit of the file")] | None = Field(

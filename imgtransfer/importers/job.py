@@ -13,7 +13,8 @@ from tqdm import tqdm
 from imgtransfer.data.choice import choose
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.store import DataSet, check_name
-from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
+from imgtransfer.importers.summary import Summary
 from imgtransfer.running.fingerprint import MADE, fingerprint, recorded
 from render import InputError
 from render.files.textures import change_paths
@@ -34,6 +35,7 @@ class ImportOptions:
         gender: of the SMPL body, where the format does not say.
         axes: how the meshes' coordinates lie.
         garment_axes: how the garment's lie; None where they are as the body's.
+        motion_axes: how the frames of both lie where they lie otherwise than the rest meshes.
         weld: join split seams. anyway: import although the checks found something.
     """
 
@@ -47,6 +49,7 @@ class ImportOptions:
     gender: str | None = None
     axes: Axes = field(default_factory=Axes)
     garment_axes: Axes | None = None
+    motion_axes: MotionAxes = AS_AT_REST
     weld: bool = False
     anyway: bool = False
 
@@ -60,6 +63,7 @@ class Job:
         split: such as train or test.
         files: what it is read from.
         read: reads the clip; raises InputError.
+        summary: what is taken, where that is known before the clip is read.
         marked: whether the data set notes what the clip was imported from; else the clip comes as it is, and what it
             holds says that.
     """
@@ -68,6 +72,7 @@ class Job:
     split: str
     files: tuple[Path, ...]
     read: Callable[[], Clip]
+    summary: Summary | None = None
     marked: bool = True
 
     def fingerprint(self, options: ImportOptions) -> str:

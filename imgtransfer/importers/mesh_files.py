@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
+from imgtransfer.data.sequences import Kind
 from imgtransfer.importers.job import ImportOptions
-from imgtransfer.importers.sequences import is_there, mesh_beside, mesh_file
+from imgtransfer.importers.sequences import REST, is_there, mesh_beside, mesh_file
 from render import InputError
-from render.files.frame_files import FRAMES
+from render.files.frame_files import FRAMES, is_rest_name
+from render.files.mesh_files import SUFFIXES as MESHES
 from render.files.point_caches import SUFFIXES as CACHES
 from render.files.sequence import sequence_files
 
@@ -40,8 +44,8 @@ def find_source(folder: Path, options: ImportOptions) -> Source:
     return Source(
         garment,
         body,
-        options.template or mesh_file(folder, "template") or mesh_beside(garment, "garment"),
-        options.body_rest or mesh_file(folder, "body_rest") or mesh_beside(body, "body"),
+        options.template or rest_mesh(folder, garment, "garment"),
+        options.body_rest or rest_mesh(folder, body, "body"),
     )
 
 
@@ -52,7 +56,20 @@ def find_body(folder: Path, body_rest: Path | None = None) -> tuple[Path, Path |
         InputError: no body in it.
     """
     body = _wanted(folder, "body")
-    return body, body_rest or mesh_file(folder, "body_rest") or mesh_beside(body, "body")
+    return body, body_rest or rest_mesh(folder, body, "body")
+
+
+def rest_mesh(folder: Path, moving: Path, kind: Kind) -> Path | None:
+    """The rest pose of what moves in a clip's folder: there or above, among its frames, or what its cache moves."""
+    named = mesh_file(folder, REST[kind])
+    if named is None and moving.is_dir():
+        among = [file for file in moving.iterdir() if is_rest_name(file) and file.suffix.lower() in MESHES]
+        if len(among) > 1:
+            raise InputError(
+                f"{moving}: {among[0].name} and {among[1].name} are both called as a rest pose; keep one"
+            )
+        named = next((file for file in among if is_there(file, "a mesh file")), None)
+    return named or mesh_beside(moving, kind)
 
 
 def _wanted(folder: Path, what: str) -> Path:
@@ -72,7 +89,21 @@ def moving_in(folder: Path, what: str) -> Path | None:
     for suffix in CACHES:
         if is_there(cache := folder / f"{what}{suffix}", "a point cache"):
             return cache
-    for suffix in (*FRAMES, *map(str.upper, FRAMES)):
-        if any(folder.glob(f"{what}*[0-9]{suffix}")):
-            return folder / f"{what}*[0-9]{suffix}"
+    frames = [
+        file for file in folder.iterdir() if file.suffix.lower() in FRAMES and file.name.startswith(what)
+    ]
+    for numbers in ("*[0-9]", "*[0-9]*"):  # the second for names such as garment (1).obj
+        names = [file for file in frames if fnmatchcase(file.stem, what + numbers)]
+        if names:
+            return folder / f"{what}{numbers}{_any_case(names)}"
     return None
+
+
+def _any_case(files: Sequence[Path]) -> str:
+    """A pattern for the files' suffix, however it is spelled; the first of `FRAMES` where they have several."""
+    suffixes = {file.suffix for file in files}
+    wanted = next(suffix for suffix in FRAMES if suffix in {one.lower() for one in suffixes})
+    spelled = {one for one in suffixes if one.lower() == wanted}
+    if len(spelled) == 1:
+        return spelled.pop()
+    return "." + "".join(f"[{letter}{letter.upper()}]" for letter in wanted[1:])

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from imgtransfer.data.sequences import Kind, open_clip_arrays
-from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
 from imgtransfer.importers.checks.weld import Welded, weld, weld_motion
 from render import InputError, MeshSequence, load_mesh
 from render.files.atomic import check_regular
@@ -16,7 +16,9 @@ from render.files.sequence import is_cache, is_sequence, open_sequence
 REST = {"garment": "template", "body": "body_rest"}  # what files of the rest pose are called
 
 
-def open_in_metres(path: Path, kind: Kind, axes: Axes, rest: Path | None = None) -> MeshSequence:
+def open_in_metres(
+    path: Path, kind: Kind, axes: Axes, rest: Path | None = None, *, motion: MotionAxes = AS_AT_REST
+) -> MeshSequence:
     """A garment or a body in motion; frames are read when their turn comes.
 
     Args:
@@ -25,6 +27,7 @@ def open_in_metres(path: Path, kind: Kind, axes: Axes, rest: Path | None = None)
         kind: which of a clip's meshes, and what arrays and files are called.
         axes: how mesh files lie; arrays are in metres, y up, always.
         rest: a mesh file with the rest pose; None takes the first frame, or what a cache moves.
+        motion: how the frames lie where they lie otherwise than the rest pose.
 
     Raises:
         InputError: files that cannot be read, a cache without the mesh that it moves, or a rest pose that is not the
@@ -32,15 +35,14 @@ def open_in_metres(path: Path, kind: Kind, axes: Axes, rest: Path | None = None)
     """
     resting = load_mesh(rest) if rest is not None else None
     if is_sequence(path) or not (path.suffix.lower() == ".npz" or path.is_file()):
-        moved = resting
-        if moved is None and is_cache(path):
+        if resting is None and is_cache(path):
             beside = mesh_beside(path, kind)
             if beside is None:
                 raise InputError(
                     f"{path}: a point cache has no triangles; put the mesh that it moves beside it as {REST[kind]}.obj"
                 )
-            moved = load_mesh(beside)
-        sequence = axes.of_sequence(open_sequence(path, moved))
+            resting = load_mesh(beside)
+        sequence = motion.beside(axes).of_sequence(open_sequence(path, resting))
     else:
         sequence = open_clip_arrays(path, kind)
     if resting is None:

@@ -28,6 +28,7 @@ from imgtransfer.data.clip_parts import Garment, Template
 from imgtransfer.data.mesh_output import MeshKind, written_mesh_frames
 from imgtransfer.data.reader import Reader
 from imgtransfer.pipeline.folder import FUSED_FILE, HISTORY_FILE, MESHES_FOLDER, REPORT_FILE
+from imgtransfer.pipeline.fuse_notes import note_apart
 from imgtransfer.pipeline.pins import Pins
 from imgtransfer.running.fingerprint import MADE, made_anew
 from render import InputError, MapFile, Mesh, MeshSequence, Option, write_png
@@ -116,6 +117,8 @@ def fuse_into(
             )
     stream = _Stream(maps, inputs)
     first = next(maps.parts(1))
+    if inputs.body is not None and inputs.clip is None:
+        note_apart(first, inputs.body)
     if inputs.pins is not None:
         inputs.pins.check(len(first.template_vertices))
     template = inputs.template or _with_look(first.template, inputs.clip)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from imgtransfer.data.canonical import RootFrames, RootMode, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.clip_parts import Body, Garment, Template
-from imgtransfer.data.sequences import Kind
-from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
+from imgtransfer.importers.checks.motion import note_motion
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
+from imgtransfer.importers.summary import mesh_text, motion_text, size_text
 from render import InputError, Mesh, MeshSequence, Option
 from render.files.frame_files import is_pattern
+from render.files.sequence import is_sequence
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +32,7 @@ class Scene:
         frames: T canonical frames.
         fps: frames a second.
         numbers: T, what the frames are called in pictures.
+        taken: a line a mesh file in motion, what was taken from it.
     """
 
     name: str
@@ -36,6 +41,7 @@ class Scene:
     frames: RootFrames
     fps: float
     numbers: range
+    taken: tuple[str, ...] = ()
 
     @property
     def n_frames(self) -> int:
@@ -71,6 +77,7 @@ def mesh_scene(
     fps: float = 30.0,
     axes: Axes | None = None,
     garment_axes: Axes | None = None,
+    motion_axes: MotionAxes = AS_AT_REST,
     welding: bool = False,
 ) -> Scene:
     """Plain mesh files.
@@ -84,43 +91,61 @@ def mesh_scene(
             already. Needs a body.
         fps: frames a second.
         axes: how the files' coordinates lie; None for metres, y up, facing +z. garment_axes: the garment's, where
-            they lie otherwise.
+            they lie otherwise. motion_axes: the frames' of both, where they lie otherwise than at rest.
         welding: join split seams, so that normals are smooth across them.
 
     Raises:
         InputError: files that are missing, cannot be read or do not belong together; only one of the body's two; a
             root without a body; welded seams that part.
     """
-    axes = axes or Axes()
-    garment = _read(frames, "garment", garment_axes or axes, template, welding=welding)
-    name = template.stem if frames.is_dir() or is_pattern(frames) else frames.stem
     if (body_template is None) != (body is None):
         raise InputError(
             f"{Option('body')} and {Option('body_template')} belong together: the body in motion, and at rest"
         )
-    if body_template is None or body is None:
+    axes = axes or Axes()
+    garment_axes = garment_axes or axes
+    moving = [open_in_metres(frames, "garment", garment_axes, template, motion=motion_axes)]
+    if body is not None:
+        moving.append(open_in_metres(body, "body", axes, body_template, motion=motion_axes))
+    _check_frames([frames, body], moving, [garment_axes, axes], motion_axes)
+    taken = tuple(f"{motion_text(one)}; {mesh_text(one.mesh)}; {size_text(one.mesh)}" for one in moving)
+    total = sum(sequence.n_frames for sequence in moving)
+    with tqdm(total=total, desc="read", unit="frame", leave=False, disable=None) as bar:
+        garment, *dressed = [(weld_sequence(one) if welding else one).loaded(bar.update) for one in moving]
+    name = template.stem if frames.is_dir() or is_pattern(frames) else frames.stem
+    if not dressed:
         if root is not None:
             raise InputError(
                 f"{Option('root')} {root}: there is no body to find the root's motion of; give {Option('body')}"
             )
         count = garment.n_frames
         still = RootFrames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
-        return Scene(name, garment.mesh, {"garment": garment}, still, fps, range(count))
-    dressed = _read(body, "body", axes, body_template, welding=welding)
+        return Scene(name, garment.mesh, {"garment": garment}, still, fps, range(count), taken)
+    (worn_by,) = dressed
     clip = Clip(
         template=Template(vertices=garment.mesh.vertices.astype(np.float32), faces=garment.mesh.faces),
         garment=Garment(garment.vertices()),
         body=Body(
-            rest=dressed.mesh.vertices.astype(np.float32),
-            faces=dressed.mesh.faces,
-            vertices=dressed.vertices(),
+            rest=worn_by.mesh.vertices.astype(np.float32),
+            faces=worn_by.mesh.faces,
+            vertices=worn_by.vertices(),
         ),
         fps=fps,
         name=name,
     )
-    return clip_scene(clip, root or "heading")
+    return replace(clip_scene(clip, root or "heading"), taken=taken)
 
 
-def _read(frames: Path, kind: Kind, axes: Axes, rest: Path, *, welding: bool) -> MeshSequence:
-    sequence = open_in_metres(frames, kind, axes, rest)
-    return (weld_sequence(sequence) if welding else sequence).loaded()
+def _check_frames(
+    files: Sequence[Path | None],
+    moving: Sequence[MeshSequence],
+    axes: Sequence[Axes],
+    motion_axes: MotionAxes,
+) -> None:
+    """Compare frames of mesh files with their rest meshes; arrays are in metres, y up, always."""
+    told = [
+        (sequence, motion_axes.beside(lay))
+        for path, sequence, lay in zip(files, moving, axes, strict=False)
+        if path is not None and is_sequence(path)
+    ]
+    note_motion([sequence for sequence, _ in told], [lay for _, lay in told])

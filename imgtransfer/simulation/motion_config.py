@@ -19,12 +19,14 @@ from imgtransfer.config.schema import (
     Seconds,
     Section,
 )
-from imgtransfer.garments.config import MeshFile
+from imgtransfer.garments.config import AxisName, MeshFile, UnitName
+from imgtransfer.importers.checks.axes import UNITS, MotionAxes
 from imgtransfer.motions.check import PATH_SPEED, TURNING
 from imgtransfer.motions.kinds import KINDS
 from imgtransfer.motions.library import make_motion
 from imgtransfer.motions.motion import Motion
 from imgtransfer.motions.up_axis import UpAxis
+from render import InputError
 from render.limits import FASTEST, SLOWEST
 
 MOST_CLIPS = 100_000  # of one line
@@ -134,3 +136,25 @@ class SequenceFiles(MeshFile):
     speed: MetresPerSecond = Field(
         30.0, gt=0, le=1e9, description="Of a vertex; faster sequences are left out."
     )
+    motion_up: AxisName | None = Field(
+        None, description="The frames' axis that points up; null is the rest pose's, `up`."
+    )
+    motion_facing: AxisName | None = Field(
+        None,
+        description="The frames' axis that a body at rest would face; null is what goes with their up axis.",
+    )
+    motion_unit: UnitName | None = Field(None, description="The frames' unit; null is the rest pose's.")
+
+    @model_validator(mode="after")
+    def _frames_axes(self) -> SequenceFiles:
+        try:
+            self.motion_axes.beside(self.axes)
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    @property
+    def motion_axes(self) -> MotionAxes:
+        """How the frames lie where it is otherwise than the rest pose."""
+        scale = None if self.motion_unit is None else UNITS[self.motion_unit]
+        return MotionAxes(self.motion_up, self.motion_facing, scale)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import os
-import re
 from itertools import islice, pairwise
 from pathlib import Path
 
 import numpy as np
 
 from render.errors import InputError
+from render.files.frame_names import sequences_of
 from render.files.mesh_files import SUFFIXES as MESHES
-from render.files.naming import natural, natural_sort
 from render.files.point_caches import SUFFIXES as CACHES
 
 # STL, whose vertices have no order, is read where none of these is there.
 FRAMES = (".obj", ".ply", ".glb")
+REST_NAMES = ("template", "body_rest", "rest", "rest_pose")  # without suffix
 _SIGNS = "*?["
 
 
@@ -25,11 +25,12 @@ def is_pattern(path: Path) -> bool:
 
 
 def frame_files(source: Path) -> list[Path]:
-    """The files of the frames in their order: by the last number in their names, by its value.
+    """The files of the frames in their order: by the number in their names that differs, by its value; it may be
+    negative, and padded or not.
 
     Args:
-        source: a folder of mesh files, a pattern of such files (its last part; folders are called as they are), or one
-            mesh file.
+        source: a folder of mesh files, of which one called as a rest pose is left out; a pattern of such files (its
+            last part; folders are called as they are), or one mesh file.
 
     Raises:
         InputError: no such folder, no mesh files, several kinds of names or endings, numbers that are missing, or one
@@ -43,31 +44,46 @@ def frame_files(source: Path) -> list[Path]:
         raise InputError(f"{source}: no such folder; wanted is {what} ({', '.join(CACHES)})")
     entries = source.parent.glob(source.name) if pattern else source.iterdir()
     meshes = [file for file in entries if file.suffix.lower() in MESHES and not file.name.startswith(".")]
-    files = natural_sort([file for file in meshes if file.suffix.lower() in FRAMES] or meshes)
+    files = [file for file in meshes if file.suffix.lower() in FRAMES] or meshes
     if not files:
         raise InputError(f"{source}: no OBJ, PLY or GLB files here; one a frame is wanted")
-    names = {_without_number(file) for file in files}
-    if len(names) > 1:
-        some = ", ".join(sorted(names, key=natural)[:3])
+    numbered = [file for file in files if not is_rest_name(file)]
+    return _in_order(source, numbered or files)
+
+
+def is_rest_name(file: Path) -> bool:
+    """Whether a file is called as a rest pose is, which may lie among the frames and is none of them."""
+    return file.stem.lower() in REST_NAMES
+
+
+def _in_order(source: Path, files: list[Path]) -> list[Path]:
+    """The files by their frames' numbers.
+
+    Raises:
+        InputError: as `frame_files`.
+    """
+    sequences = sequences_of(files)
+    if len(sequences) > 1:
+        folder = source.parent if is_pattern(source) else source
+        some = ", ".join(sequence.title for sequence in sequences[:3])
+        wanted = next((sequence for sequence in sequences if len(sequence.names) > 1), sequences[0])
         raise InputError(
             f"{source}: files of several kinds ({some}); give a pattern for one of them, such as "
-            f"'{(source.parent if pattern else source) / sorted(names)[0].replace('#', '*')}'"
+            f"'{folder / wanted.pattern(sequences)}'"
         )
-    _check_complete(source, files)
+    names, column = sequences[0].names, sequences[0].column
+    if len(names) == 1:
+        return files
+    if column is None:
+        raise InputError(f"{source}: the files' names have no numbers, so their order is not known")
+    numbers = {name.file: name.numbers[column] for name in names}
+    files = sorted(files, key=lambda file: (numbers[file], file.name))
+    _check_complete(source, files, [numbers[file] for file in files])
     return files
 
 
-def _without_number(file: Path) -> str:
-    return re.sub(r"\d+(?=\D*$)", "#", file.stem, count=1) + file.suffix.lower()
-
-
-def _check_complete(source: Path, files: list[Path]) -> None:
-    if len(files) == 1:
-        return
-    matches = [re.search(r"(\d+)(?=\D*$)", file.stem) for file in files]
-    if any(match is None for match in matches):
-        raise InputError(f"{source}: the files' names have no numbers, so their order is not known")
-    numbers = [int(match[1]) for match in matches if match is not None]
+def _check_complete(source: Path, files: list[Path], numbers: list[int]) -> None:
+    """Raise InputError where a number comes twice, or one is missing between the first and the last."""
     steps = np.diff(numbers)
     if (steps == 0).any():
         twice = int(np.argmax(steps == 0))

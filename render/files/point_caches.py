@@ -54,8 +54,8 @@ class PointCache:
     _number: np.dtype[Any]
     _start: int
 
-    def parts(self, count: int) -> Iterator[np.ndarray]:
-        """All frames in order, `count` at a time: (t, N, 3) float32, in the file's units and axes.
+    def parts(self, count: int, *, start: int = 0) -> Iterator[np.ndarray]:
+        """Frames from number `start` on in order, `count` at a time: (t, N, 3) float32, in the file's units and axes.
 
         Raises:
             InputError: values not finite, a file that has become shorter, or more than the memory that is free.
@@ -63,8 +63,8 @@ class PointCache:
         a_frame = self.n_points * 3 * self._number.itemsize
         check_room(2 * a_frame * min(count, self.n_frames), f"{self.path}: {self.n_frames} frames")
         with self.path.open("rb") as file:
-            file.seek(self._start)
-            for first in range(0, self.n_frames, count):
+            file.seek(self._start + start * a_frame)
+            for first in range(start, self.n_frames, count):
                 frames = min(count, self.n_frames - first)
                 content = file.read(frames * a_frame)
                 if len(content) < frames * a_frame:

@@ -102,7 +102,11 @@ def _of_files(source: Path, files: list[Path]) -> MeshSequence:
                 vertices[row] = _frame(file, first, connections)
             yield vertices
 
-    return MeshSequence(first, len(files), parts, str(source), frame_names=[file.name for file in files])
+    def read_frame(number: int) -> np.ndarray:
+        return _frame(files[number], first, "") if number else first.vertices
+
+    names = [file.name for file in files]
+    return MeshSequence(first, len(files), parts, str(source), frame_names=names, read_frame=read_frame)
 
 
 def _frame(file: Path, first: Mesh, connections: str) -> np.ndarray:
@@ -155,9 +159,9 @@ def _of_cache(source: Path, mesh: Mesh | None) -> MeshSequence:
             "must be the same mesh"
         )
 
-    def parts(count: int) -> Iterator[np.ndarray]:
-        done = 0
-        for part in cache.parts(count):
+    def parts(count: int, start: int = 0) -> Iterator[np.ndarray]:
+        done = start
+        for part in cache.parts(count, start=start):
             if (lost := zero_frame(part)) is not None:
                 raise InputError(
                     f"{source}: all points of frame {done + lost} are 0, which is no mesh; export it again"
@@ -165,4 +169,8 @@ def _of_cache(source: Path, mesh: Mesh | None) -> MeshSequence:
             done += len(part)
             yield part
 
-    return MeshSequence(mesh, cache.n_frames, parts, str(source), cache.fps)
+    def read_frame(number: int) -> np.ndarray:
+        frame: np.ndarray = next(parts(1, number))[0]
+        return frame
+
+    return MeshSequence(mesh, cache.n_frames, parts, str(source), cache.fps, read_frame=read_frame)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -26,6 +27,7 @@ class MeshSequence:
         source: what messages call it.
         fps: frames a second, where the source says so.
         frame_names: of each frame, for messages; None where frames have only numbers.
+        read_frame: one frame (N, 3) by its number, where that takes less than reading all before it; else None.
     """
 
     mesh: Mesh
@@ -34,6 +36,7 @@ class MeshSequence:
     source: str = "mesh sequence"
     fps: float | None = None
     frame_names: Sequence[str] | None = None
+    read_frame: Callable[[int], np.ndarray] | None = None
 
     @classmethod
     def of_array(
@@ -52,7 +55,7 @@ class MeshSequence:
         def parts(count: int) -> Iterator[np.ndarray]:
             return (vertices[first : first + count] for first in range(0, len(vertices), count))
 
-        return cls(mesh, len(vertices), parts, source, fps)
+        return cls(mesh, len(vertices), parts, source, fps, read_frame=lambda number: vertices[number])
 
     @property
     def faces(self) -> np.ndarray:
@@ -79,6 +82,14 @@ class MeshSequence:
         assert whole is not None
         return whole
 
+    def frame(self, number: int) -> np.ndarray:
+        """One frame, (N, 3)."""
+        if self.read_frame is not None:
+            return self.read_frame(number)
+        part = next(islice(self.parts(1), number, None))
+        frame: np.ndarray = part[0]
+        return frame
+
     def loaded(self, progress: Callable[[int], object] | None = None) -> MeshSequence:
         """The same with all frames in memory."""
         loaded = self.of_array(self.mesh, self.vertices(progress), source=self.source, fps=self.fps)
@@ -98,7 +109,11 @@ class MeshSequence:
                 yield function(part, first)
                 first += len(part)
 
-        return replace(self, mesh=mesh, parts=parts)
+        def read_frame(number: int) -> np.ndarray:
+            mapped: np.ndarray = function(self.frame(number)[None], number)[0]
+            return mapped
+
+        return replace(self, mesh=mesh, parts=parts, read_frame=read_frame)
 
     def at_rest(self, rest: Mesh, owner: str = "sequence") -> MeshSequence:
         """The sequence with its mesh in the rest pose.

@@ -47,7 +47,7 @@ class Axes:
     @property
     def rotation(self) -> np.ndarray:
         """(3, 3) float64: ours = rotation @ theirs, without the scale; right-handed stays right-handed."""
-        up, facing = _vector(self.up), _vector(self.facing)
+        up, facing = axis_vector(self.up), axis_vector(self.facing)
         return np.stack([np.cross(up, facing), up, facing])
 
     def apply(self, points: np.ndarray) -> np.ndarray:
@@ -76,18 +76,48 @@ class Axes:
         return f"{Option('up', self.up)} {Option('facing', self.facing)}"
 
 
+@dataclass(frozen=True)
+class MotionAxes:
+    """How frames lie where that is otherwise than their rest meshes do, as when a cache is exported on its own.
+
+    Args:
+        up: the frames' axis that points up; None is the rest mesh's.
+        facing: the axis that a body at rest would face in them; None is what is usual with this axis up.
+        scale: metres a unit of the frames; None is the rest mesh's.
+    """
+
+    up: str | None = None
+    facing: str | None = None
+    scale: float | None = None
+
+    def beside(self, rest: Axes) -> Axes:
+        """How the frames of a mesh lie whose rest pose lies so.
+
+        Raises:
+            InputError: as `Axes`.
+        """
+        up = self.up or rest.up
+        facing = self.facing or (rest.facing if up == rest.up else usual_facing(up))
+        return Axes(up, facing, rest.scale if self.scale is None else self.scale)
+
+
+AS_AT_REST = MotionAxes()
+
+
 def usual_facing(up: str) -> str:
     """What a body usually faces in files with this axis up: -y where z is up, as in Blender, else z."""
     return "z" if up[-1:] != "z" else "-y"
 
 
-def _vector(axis: str) -> np.ndarray:
+def axis_vector(axis: str) -> np.ndarray:
+    """(3,) the unit vector along one of `AXES`."""
     vector = np.zeros(3)
     vector["xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
     return vector
 
 
-def _name(axis: int, sign: float) -> str:
+def axis_name(axis: int, sign: float) -> str:
+    """What is called an axis of `AXES`, by its number and direction."""
     return ("-" if sign < 0 else "") + "xyz"[axis]
 
 
@@ -117,7 +147,7 @@ def guess_axes(body: np.ndarray) -> Axes | None:
     height = points[:, up] / extent[up]
     head = _head_end(height, np.abs(points[:, lateral]) / extent[up])
     ahead = _toes_ahead(head * height + 0.5, points[:, depth] / extent[up]) if head else 0.0
-    return Axes(_name(up, head), _name(depth, ahead)) if ahead else None
+    return Axes(axis_name(up, head), axis_name(depth, ahead)) if ahead else None
 
 
 def _head_end(height: np.ndarray, side: np.ndarray) -> float:

@@ -20,12 +20,12 @@ class MeshFault:
     severe: bool
 
 
-def refuse(findings: Sequence[MeshFault], *, anyway: bool = False) -> list[str]:
+def refuse(findings: Sequence[MeshFault], *, anyway: bool | None = False) -> list[str]:
     """Stop at severe findings.
 
     Args:
         findings: of the checks.
-        anyway: go on all the same.
+        anyway: go on all the same; None where the program does not let its user choose that.
 
     Returns:
         The texts of what does not stop the work, for the user to read.
@@ -35,5 +35,6 @@ def refuse(findings: Sequence[MeshFault], *, anyway: bool = False) -> list[str]:
     """
     severe = [] if anyway else [finding.text for finding in findings if finding.severe]
     if severe:
-        raise InputError(f"{'; '.join(severe)} ({Option('anyway', True)} goes on all the same)")
+        choice = "" if anyway is None else f" ({Option('anyway', True)} goes on all the same)"
+        raise InputError("; ".join(severe) + choice)
     return [finding.text for finding in findings]

@@ -10,7 +10,7 @@ import torch
 from fusion import BodySdf
 from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, guess_axes, likely_unit
 from imgtransfer.importers.checks.findings import MeshFault
-from imgtransfer.importers.checks.topology import check_topology
+from imgtransfer.importers.checks.topology import check_topology, used_part
 from render import Mesh, Option, vertex_normals
 from render.mesh.measures import volume
 
@@ -40,9 +40,10 @@ def check_template(
     """
     given = given or Axes()
     garment_given = garment_given or given
-    found = [*_size(garment, body, given, garment_given), *_axes(body, given)]
+    cloth, skin = used_part(garment), used_part(body)
+    found = [*_size(cloth, skin, given, garment_given), *_axes(skin, given)]
     if not found:
-        found += _place(garment, body, garment_given)
+        found += _place(cloth, skin, garment_given)
     return found + check_topology(garment, welding=welding)
 
 

@@ -45,6 +45,16 @@ def check_topology(garment: Mesh, *, welding: bool = False) -> list[MeshFault]:
     return faults
 
 
+def used_part(mesh: Mesh) -> Mesh:
+    """The mesh without the vertices that no triangle uses, which are neither cloth nor skin wherever they lie."""
+    used = np.zeros(len(mesh.vertices), bool)
+    used[mesh.faces] = True
+    if used.all():
+        return mesh
+    number = np.cumsum(used) - 1
+    return Mesh(mesh.vertices[used], number[mesh.faces], mesh.source)
+
+
 def _pieces(faces: np.ndarray, count: int, used: np.ndarray) -> list[int]:
     """Sizes of the connected pieces, in vertices, largest first; vertices without triangles are left out."""
     start, end = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()

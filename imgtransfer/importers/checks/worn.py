@@ -22,9 +22,10 @@ def check_worn(clip: Clip, source: str, *, hint: str) -> None:
     if clip.garment is None:
         return
     sdf = BodySdf(clip.body.faces, len(clip.body.rest))
+    cloth = np.unique(clip.template.faces)
     for frame in sorted({0, clip.n_frames // 2, clip.n_frames - 1}):
         sdf.update(clip.body.vertices[frame])
-        distance = sdf.distance(torch.from_numpy(clip.garment.vertices[frame])).numpy()
+        distance = sdf.distance(torch.from_numpy(clip.garment.vertices[frame, cloth])).numpy()
         inside, apart = float((distance < -0.001).mean()), float(np.median(distance))
         if inside > 0.5 or apart > 0.4:
             what = (

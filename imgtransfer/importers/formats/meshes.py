@@ -19,10 +19,20 @@ from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
+from imgtransfer.importers.checks.motion import check_motion
+from imgtransfer.importers.checks.weld import weld
 from imgtransfer.importers.checks.worn import check_worn
 from imgtransfer.importers.job import ImportOptions, Job
 from imgtransfer.importers.mesh_files import Source, find_source, moving_in
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
+from imgtransfer.importers.summary import (
+    Summary,
+    lying_facts,
+    mesh_text,
+    motion_text,
+    rate_text,
+    size_text,
+)
 from render import InputError, MeshSequence, Option
 from render.files.naming import natural_sort
 
@@ -60,20 +70,38 @@ def job_of(name: str, source: Source, options: ImportOptions) -> Job:
     if not options.split:
         raise InputError(f"import meshes: each clip needs a split: add {Option('split')} train or test")
     files = source.files()
-    _prepare(source, options, check=True)
-    return Job(
-        valid_clip_name(options.garment or "garment", name),
-        options.split,
-        files,
-        lambda: _clip(source, options),
-    )
+    garment, body = _prepare(source, options, check=True)
+    clip = valid_clip_name(options.garment or "garment", name)
+    summary = _summary(clip, source, garment, body, options)
+    return Job(clip, options.split, files, lambda: _clip(source, options), summary)
+
+
+def _summary(
+    name: str, source: Source, garment: MeshSequence, body: MeshSequence, options: ImportOptions
+) -> Summary:
+    """What is taken for a clip, once it is checked."""
+    joined = weld(garment.mesh).joined if options.weld else None
+    if garment.fps and body.fps and garment.fps != body.fps:
+        _log.warning(
+            "note: %s has %g frames a second, %s %g", garment.source, garment.fps, body.source, body.fps
+        )
+    facts = [
+        ("garment", motion_text(garment)),
+        ("", f"{mesh_text(garment.mesh, joined)}; {size_text(garment.mesh)}"),
+        ("body", motion_text(body)),
+        ("", f"{len(body.mesh.vertices)} vertices; {size_text(body.mesh)}"),
+        *lying_facts(body.mesh, options.axes, options.garment_axes, options.motion_axes),
+        ("rate", rate_text(options.fps, garment.fps or body.fps, FPS)),
+    ]
+    return Summary(name, tuple(facts))
 
 
 def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[MeshSequence, MeshSequence]:
     """Garment and body with their rest pose and first frames; `check` them, and print what does not stop the work."""
     garment_axes = options.garment_axes or options.axes
-    garment = open_in_metres(source.garment, "garment", garment_axes, source.template)
-    body = open_in_metres(source.body, "body", options.axes, source.body_rest)
+    motion = options.motion_axes
+    garment = open_in_metres(source.garment, "garment", garment_axes, source.template, motion=motion)
+    body = open_in_metres(source.body, "body", options.axes, source.body_rest, motion=motion)
     _check_lengths(garment, body)
     if check:
         found = check_template(
@@ -83,6 +111,8 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Me
             garment_given=garment_axes,
             welding=options.weld,
         )
+        if not {"unit", "axes"} & {fault.kind for fault in found}:
+            found += check_motion([body, garment], [motion.beside(options.axes), motion.beside(garment_axes)])
         for text in refuse(found, anyway=options.anyway):
             _log.warning("note: %s", text)
     return garment, body

@@ -52,7 +52,18 @@ class BodySequence:
         Raises:
             InputError: files that cannot be read, or a rest pose that is not the frames' mesh.
         """
-        return open_in_metres(self.moving, "body", self.settings.axes, self.rest)
+        settings = self.settings
+        return open_in_metres(self.moving, "body", settings.axes, self.rest, motion=settings.motion_axes)
+
+    def count(self) -> int:
+        """How many frames `read` will give.
+
+        Raises:
+            InputError: as `open`.
+        """
+        opened = self.open()
+        frames = resampled_frames(opened.n_frames, float(self.settings.fps or opened.fps or FPS), self.fps)
+        return frames if self.frames is None else min(frames, self.frames)
 
     def read(self) -> SampledBody:
         """All frames, resampled and checked; the last one that was read is kept.
@@ -121,13 +132,18 @@ def _fastest(vertices: np.ndarray, fps: float) -> tuple[int, int, float]:
     return vertex, frame, float(displacements[frame][vertex] * fps)
 
 
+def resampled_frames(count: int, given: float, fps: float) -> int:
+    """How many frames `count` of them at `given` a second become at `fps`."""
+    # Half a millionth of a frame of tolerance keeps a last frame that only rounding would drop.
+    return count if given == fps else int((count - 1) / given * fps + 1e-6) + 1
+
+
 def resampled(vertices: np.ndarray, given: float, fps: float) -> np.ndarray:
     """(T, B, 3) at `given` frames a second -> at `fps`: by time, on straight lines; the first frame stays."""
     if given == fps:
         return vertices
     last = len(vertices) - 1
-    # Half a millionth of a frame of tolerance keeps a last frame that only rounding would drop.
-    times = np.minimum(np.arange(int(last / given * fps + 1e-6) + 1) * (given / fps), last)
+    times = np.minimum(np.arange(resampled_frames(len(vertices), given, fps)) * (given / fps), last)
     before = np.minimum(times.astype(np.int64), last - 1)
     fraction = (times - before).astype(vertices.dtype)[:, None, None]
     return (1 - fraction) * vertices[before] + fraction * vertices[before + 1]

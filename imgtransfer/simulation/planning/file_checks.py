@@ -10,6 +10,8 @@ from tqdm import tqdm
 from imgtransfer.bodies.config import SmplConfig, make_body
 from imgtransfer.garments.config import TemplateConfig
 from imgtransfer.garments.garment import resting, template_garment
+from imgtransfer.importers.checks.findings import refuse
+from imgtransfer.importers.checks.motion import check_motion
 from imgtransfer.simulation.body_motion.body_sequence import BodySequence, speed_fault
 from imgtransfer.simulation.planning.task import Task
 from render import InputError
@@ -54,6 +56,10 @@ def check_files(tasks: Sequence[Task]) -> None:
                 note(text)
         except InputError as error:
             raise InputError(f"on the body {called}: {error}" if called else str(error)) from error
+        if isinstance(motion, BodySequence):
+            lying = check_motion([motion.open()], [motion.settings.motion_axes.beside(motion.settings.axes)])
+            for text in refuse(lying, anyway=own.anyway):
+                note(text)
 
 
 def steady(tasks: Sequence[Task]) -> list[Task]:

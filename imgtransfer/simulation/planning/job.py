@@ -60,8 +60,8 @@ def simulate(
             are done by then), or every clip was rejected.
     """
     out = everywhere(out)
-    standing, rejected = _standing(tasks, out)
-    jobs = [_Job(task, out) for task in tasks if task.name not in standing | rejected.keys()]
+    there, rejected = standing(tasks, out)
+    jobs = [_Job(task, out) for task in tasks if task.name not in there | rejected.keys()]
     run = run_tasks(
         _make,
         jobs,
@@ -80,7 +80,7 @@ def simulate(
     return rejected
 
 
-def _standing(tasks: Sequence[Task], out: str | Path) -> tuple[set[str], dict[str, str]]:
+def standing(tasks: Sequence[Task], out: str | Path) -> tuple[set[str], dict[str, str]]:
     """Names of the clips that `out` holds, and of the tasks' those that it lists as rejected, with the reasons."""
     place = place_at(out)
     place.check_writable()

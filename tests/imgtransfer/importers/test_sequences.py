@@ -257,3 +257,46 @@ def test_frames_named_in_capitals_are_found_in_a_clips_folder(frames: Path) -> N
     (frames / "body").rmdir()
     sequence = find_sequence(frames, SequenceFiles(), 30.0)
     np.testing.assert_array_equal(sequence.read().sequence.vertices()[9], np.float32(BODY + 10 * STEP))
+
+
+@pytest.mark.parametrize("name", ["rest.obj", "body_rest.obj", "REST_POSE.obj"])
+def test_a_rest_pose_among_the_frames_is_the_rest_pose(frames: Path, name: str) -> None:
+    (frames / "body_rest.obj").unlink()
+    rest = write_obj(frames / "body" / name, BODY * 1.25, FACES)
+    sequence = find_sequence(frames, SequenceFiles(), 30.0)
+    assert sequence.rest == rest
+    opened = sequence.open()
+    assert opened.n_frames == 12
+    np.testing.assert_array_equal(opened.mesh.vertices, BODY * 1.25)
+    (job,) = jobs([frames], ImportOptions(split="train", anyway=True))
+    np.testing.assert_array_equal(job.read().body.rest, np.float32(BODY * 1.25))
+    write_obj(frames / "body/template.obj", BODY, FACES)
+    with pytest.raises(InputError, match="are both called as a rest pose; keep one"):
+        find_sequence(frames, SequenceFiles(), 30.0)
+
+
+@pytest.mark.parametrize(
+    "name", ["body ({}).obj", "body[{}].obj", "body_{}.Obj", "body_-{}.obj", "body{}_v2.OBJ"]
+)
+def test_frames_beside_each_other_in_a_clips_folder_however_they_are_named(frames: Path, name: str) -> None:
+    for file in (frames / "body").iterdir():
+        file.rename(frames / name.format(file.stem.partition("_")[2]))
+    (frames / "body").rmdir()
+    found = find_sequence(frames, SequenceFiles(), 30.0).read().sequence.vertices()
+    order = np.arange(12, 0, -1) if "-" in name else np.arange(1, 13)
+    np.testing.assert_array_equal(found, np.float32(BODY + order[:, None, None] * STEP))
+
+
+def test_one_frame_is_read_without_those_before_it(frames: Path) -> None:
+    wanted = np.float32(BODY + np.arange(1, 13)[:, None, None] * STEP)
+    write_pc2(frames / "cache.pc2", wanted)
+    write_obj(frames / "cache.obj", BODY, FACES)
+    axes = Axes("z", "-y", 0.5)
+    (frames / "body/body_2.obj").write_text("broken")
+    for path in (frames / "body", frames / "cache.pc2"):
+        found = open_in_metres(path, "body", axes)
+        for number in (0, 7, 11):
+            np.testing.assert_array_equal(found.frame(number), axes.apply(wanted[number]))
+            np.testing.assert_array_equal(weld_sequence(found).frame(number), axes.apply(wanted[number]))
+    np.savez(frames / "m.npz", body_faces=FACES, body_vertices=wanted)  # which is read from its start
+    np.testing.assert_array_equal(open_in_metres(frames / "m.npz", "body", axes).frame(7), wanted[7])

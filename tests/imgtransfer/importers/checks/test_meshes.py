@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from imgtransfer.bodies.anny import load_body
+from imgtransfer.data.clip import Clip
+from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.garments.config import TemplateConfig
 from imgtransfer.garments.garment import make_garment
 from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, guess_axes, likely_unit
@@ -18,6 +20,7 @@ from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.template import load_template
 from imgtransfer.importers.checks.topology import check_topology
 from imgtransfer.importers.checks.weld import weld, weld_motion
+from imgtransfer.importers.checks.worn import check_worn
 from render import InputError, Mesh
 from render.mesh.surface import Surface
 from tests.helpers import synthetic
@@ -241,6 +244,38 @@ def test_a_garment_inside_the_body(body: Mesh) -> None:
     assert "vertices start inside the body, the deepest 8." in finding.text
     shallow = check_template(vest(body, gap=-0.002), body)
     assert [(f.kind, f.severe) for f in shallow] == [("inside", False)]
+
+
+@pytest.mark.parametrize("place", ["inside the body", "far away", "at its surface"])
+def test_vertices_that_no_triangle_uses_are_no_cloth_wherever_they_lie(
+    body: Mesh, shirt: Mesh, place: str
+) -> None:
+    point = {
+        "inside the body": body.vertices.mean(0),
+        "far away": [0, 500.0, 0],
+        "at its surface": body.vertices[0],
+    }
+    loose = moved(shirt, np.concatenate([shirt.vertices, [point[place]]]))
+    (finding,) = check_template(loose, body)
+    assert (finding.kind, finding.severe) == ("unused", False)
+    assert "1 vertices belong to no triangle" in finding.text
+
+
+def test_a_body_s_unused_vertices_are_no_skin(body: Mesh, shirt: Mesh) -> None:
+    assert kinds(shirt, moved(body, np.concatenate([body.vertices, [[0, 90.0, 0]]]))) == []
+
+
+def test_a_clip_s_unused_vertices_do_not_decide_whether_it_is_worn(body: Mesh, shirt: Mesh) -> None:
+    inside = np.repeat(body.vertices.mean(0)[None], 2 * len(shirt.vertices), axis=0)
+    vertices = np.concatenate([shirt.vertices, inside]).astype(np.float32)
+    skin = body.vertices.astype(np.float32)
+    clip = Clip(
+        Template(vertices, shirt.faces), Garment(vertices[None]), Body(skin, body.faces, skin[None]), fps=30.0
+    )
+    check_worn(clip, "shirt", hint="")
+    everything = replace(clip, template=Template(vertices, np.arange(len(vertices))[:, None] + [0, 0, 0]))
+    with pytest.raises(InputError, match=r"in frame 0, \d+ % of it inside"):
+        check_worn(everything, "shirt", hint="")
 
 
 def test_triangles_seen_from_inside(body: Mesh, shirt: Mesh) -> None:

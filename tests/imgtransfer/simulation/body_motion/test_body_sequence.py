@@ -369,7 +369,7 @@ def spoil_size(folder):
     (spoil_count, "frame_003.obj: 2814 vertices, but the first frame has 2815; the vertex count must not change"),
     (spoil_value, "frame_002.obj"),
     (spoil_order, "the frames' vertices are not in the order of"),
-    (spoil_size, "in frame 0 the body is 0.01 times as large as in"),
+    (spoil_size, "in other units: add --motion-unit=m "),
     (lambda folder: (folder / "frame_003.obj").unlink(), "frames are missing"),
     (lambda folder: (folder / "frame_002.obj").write_bytes(b"\x00\xff\x00garbage"), "frame_002.obj"),
     (lambda folder: [(folder / f"frame_00{n}.obj").unlink() for n in range(1, FRAMES)], "needs two frames or more"),

@@ -1,0 +1,70 @@
+"""What a plan would simulate, in words, before it is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from imgtransfer.garments.config import TemplateConfig
+from imgtransfer.importers.checks.weld import weld
+from imgtransfer.importers.formats.meshes import FPS
+from imgtransfer.importers.summary import Summary, lying_facts, mesh_text, motion_text, rate_text, size_text
+from imgtransfer.simulation.body_motion.body_sequence import BodySequence
+from imgtransfer.simulation.planning.job import standing
+from imgtransfer.simulation.planning.task import Task
+from render import load_mesh
+
+
+def summaries_of(tasks: Sequence[Task]) -> list[Summary]:
+    """What was taken of the user's own meshes: a summary a garment and a mesh sequence."""
+    own = [task.config.garment for task in tasks if isinstance(task.config.garment, TemplateConfig)]
+    garments = {garment.path: garment for garment in own}
+    sequences = {task.motion.moving: task.motion for task in tasks if isinstance(task.motion, BodySequence)}
+    return [*map(_of_garment, garments.values()), *map(_of_sequence, sequences.values())]
+
+
+def plan_lines(tasks: Sequence[Task], out: str | Path) -> Iterator[str]:
+    """A line a clip: what it is called, how long it is, on what body, and whether `out` has it; and their number.
+
+    Raises:
+        InputError: `out` is something else than a data set, or cannot be written.
+    """
+    there, rejected = standing(tasks, out)
+    new = 0
+    for task in tasks:
+        state = "stands already" if task.name in there else "rejected before" if task.name in rejected else ""
+        new += not state
+        body = (
+            "its own body" if isinstance(task.motion, BodySequence) else task.config.body.title or "the body"
+        )
+        seconds = (_frames(task) - 1) / task.config.fps
+        parts = [f"{_frames(task)} frames, {seconds:.2f} s", f"on {body}", *([state] if state else [])]
+        yield f"{task.name} ({task.split}): {', '.join(parts)}"
+    yield f"dry run  {new} of {len(tasks)} clips would be simulated into {out}; nothing was written"
+
+
+def _frames(task: Task) -> int:
+    """How many frames a clip will have."""
+    motion = task.motion
+    return motion.count() if isinstance(motion, BodySequence) else len(motion.poses)
+
+
+def _of_garment(garment: TemplateConfig) -> Summary:
+    mesh = garment.axes.of_mesh(load_mesh(garment.path))
+    joined = weld(mesh).joined if garment.weld else None
+    facts = [
+        ("garment", f"{mesh_text(mesh, joined)}; {size_text(mesh)}"),
+        *lying_facts(None, garment.axes),
+    ]
+    return Summary(str(garment.path), tuple(facts))
+
+
+def _of_sequence(sequence: BodySequence) -> Summary:
+    opened, settings = sequence.open(), sequence.settings
+    facts = [
+        ("body", motion_text(opened)),
+        ("", f"{len(opened.mesh.vertices)} vertices; {size_text(opened.mesh)}"),
+        *lying_facts(opened.mesh, settings.axes, motion_axes=settings.motion_axes),
+        ("rate", rate_text(settings.fps, opened.fps, FPS)),
+    ]
+    return Summary(sequence.name, tuple(facts))
