@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from render.files.obj import textures
+from render.files.mtl import textures
 from render.files.textures import is_image
 from render.mesh.surface import Surface
 
