@@ -140,7 +140,9 @@ def _numbers(text: bytes, dtype: type, count: int) -> np.ndarray:
     if not count:
         return np.zeros(0, dtype)
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # what NumPy raises for text that is no number
+        warnings.simplefilter(
+            "error", DeprecationWarning
+        )  # which older NumPy gives for text that is no number
         try:
             numbers: np.ndarray = np.fromstring(text, dtype, sep=" ")
         except DeprecationWarning as error:

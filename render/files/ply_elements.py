@@ -115,10 +115,12 @@ def read_elements(content: bytes, header: Header) -> dict[str, Element]:
 
 def _numbers_of_text(text: bytes) -> np.ndarray:
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # what NumPy raises for text that is no number
+        warnings.simplefilter(
+            "error", DeprecationWarning
+        )  # which older NumPy gives for text that is no number
         try:
             return np.fromstring(text, np.float64, sep=" ") if text.strip() else np.zeros(0)
-        except DeprecationWarning:
+        except (ValueError, DeprecationWarning):
             raise PlyError("something else than numbers stands behind its header") from None
 
 

@@ -78,10 +78,7 @@ def test_places_corners_and_materials(
         np.testing.assert_allclose(mesh.vertices, places, atol=1e-6)
     read, expected = corners(mesh), wanted(exports, axes, uvs=uvs, materials=materials)
     if name.endswith(".obj"):  # whose exporter writes blanks in names so
-        expected = {
-            place: {tuple(_underscored(part) for part in look) for look in looks}
-            for place, looks in expected.items()
-        }
+        expected = {place: {_underscored(look) for look in looks} for place, looks in expected.items()}
     assert len(read) == len(expected)
     assert sorted(map(sorted, read.values())) == sorted(map(sorted, expected.values()))
 
