@@ -41,7 +41,7 @@ def _changed(line: str, change: Callable[[str], str | None]) -> str:
         for start in tails:
             path = change(line[start:].rstrip(" \t"))
             if path is not None:
-                return line[:start] + path
+                return " ".join([keyword, *line[tails[0] : start].split(), path])
     return line
 
 

@@ -58,7 +58,8 @@ KEYS = {
         *(f"ratio_{kind}_ours_to_fastest" for kind in ("obj", "ply", "glb")),
         "sequence_frames_per_s",
         "ratio_sequence_ours_to_trimesh",
-        "sequence_extra_mb",
+        "sequence_mb",
+        "ratio_sequence_mb_all_to_half",
     },
     "simulation": {
         "vertices",

@@ -133,7 +133,8 @@ def test_gltf_leads_nowhere_else(tmp_path, uri):
 
 @pytest.mark.parametrize(
     "name",
-    ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization", "KHR_texture_transform", "EXT_new"],
+    ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization", "KHR_texture_transform",
+     "EXT_new"],
 )  # fmt: skip
 def test_required_extensions_that_are_not_read_are_named(tmp_path, name):
     with pytest.raises(InputError, match=f"requires the glTF extension {name}, which is not read"):
