@@ -118,7 +118,8 @@ class Clip:
         texts = dict(info)
         look = None
         if "original_faces" in arrays:
-            look = tuple(texts.pop("materials", "").splitlines()), texts.pop("mtl", "")
+            names = texts.pop("materials", "")  # a line feed ends each; names may hold other line ends
+            look = tuple(names.split("\n")) if names else (), texts.pop("mtl", "")
         return cls(**_parts(name, arrays, look), fps=fps, info=texts, name=name)
 
     def arrays(self) -> dict[str, np.ndarray]:

@@ -15,7 +15,7 @@ from imgtransfer.data.texture_files import bring_textures
 from render import InputError, Mesh
 from render.errors import one_line
 from render.files.atomic import written_whole_folder
-from render.files.obj import textures
+from render.files.mtl import textures
 from render.mesh.mesh import check_finite
 from render.mesh.surface import Surface, plain_surface
 

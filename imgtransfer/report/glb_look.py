@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from render.files.obj import textures
+from render.files.mtl import textures
 from render.files.textures import is_image
 from render.mesh.surface import Surface
 
@@ -60,6 +60,7 @@ def material(name: str, mtl: str, default: tuple[float, ...]) -> tuple[dict[str,
     block = re.search(rf"^newmtl\s+{re.escape(name)}\s*$(.*?)(?=^newmtl|\Z)", mtl, re.MULTILINE | re.DOTALL)
     text = block[1] if block else ""
     colour = _numbers(text, "Kd", 3)
+    colour = colour * 3 if len(colour) == 1 else colour if len(colour) == 3 else []  # one number is all three
     opacity = _numbers(text, "d", 1) or [1 - value for value in _numbers(text, "Tr", 1)] or [1.0]
     images = textures(text)
     path = Path(images[0]) if images else None

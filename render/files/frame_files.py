@@ -14,7 +14,7 @@ from render.files.mesh_files import SUFFIXES as MESHES
 from render.files.point_caches import SUFFIXES as CACHES
 
 # STL, whose vertices have no order, is read where none of these is there.
-FRAMES = (".obj", ".ply", ".glb")
+FRAMES = (".obj", ".ply", ".glb", ".gltf")
 REST_NAMES = ("template", "body_rest", "rest", "rest_pose")  # without suffix
 _SIGNS = "*?["
 

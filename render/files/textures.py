@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
-_KEYWORDS = ("map_", "bump", "disp", "norm")
+_KEYWORDS = ("map_", "bump", "disp", "norm", "decal", "refl")
 IMAGES = (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".dds")
 _LARGEST = 1 << 28  # bytes
 _STARTS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM", b"II*\0", b"MM\0*", b"v/1\x01", b"#?", b"DDS ")
@@ -19,16 +20,28 @@ def change_paths(mtl: str, change: Callable[[str], str | None]) -> str:
         change: called with what may be the path, the longest first (options come before it, and it may have spaces),
             until it returns the new path; where it returns None for all of them, the line stays.
     """
-    return "".join(f"{_changed(line, change)}\n" for line in mtl.splitlines())
+    return "".join(f"{_changed(line, change)}\n" for line in mtl_lines(mtl))
+
+
+def mtl_lines(mtl: str) -> list[str]:
+    """The lines of a library, which a line feed ends: names may hold what Unicode takes for other line ends."""
+    return mtl.removesuffix("\n").split("\n") if mtl else []
+
+
+def path_tails(line: str) -> tuple[str, list[int]]:
+    """The keyword of a line, and where what may be the path begins, the longest first."""
+    line = line.rstrip(" \t")
+    words = list(re.finditer(r"[^ \t]+", line))
+    return (words[0][0] if words else ""), [word.start() for word in words[1:]]
 
 
 def _changed(line: str, change: Callable[[str], str | None]) -> str:
-    keyword, *words = line.split() or [""]
-    if keyword.startswith(_KEYWORDS):
-        for start in range(len(words)):
-            path = change(" ".join(words[start:]))
+    keyword, tails = path_tails(line)
+    if keyword.lower().startswith(_KEYWORDS):
+        for start in tails:
+            path = change(line[start:].rstrip(" \t"))
             if path is not None:
-                return " ".join([keyword, *words[:start], path])
+                return " ".join([keyword, *line[tails[0] : start].split(), path])
     return line
 
 
@@ -55,6 +68,8 @@ def image_under(folder: Path, path: str) -> Path | None:
     """The file that a path names, relative to a folder or in full, if it is named as an image and under the folder."""
     try:
         image = (folder / path).resolve()
+        if "\\" in path and not image.is_file():  # as Windows parts folders
+            image = (folder / path.replace("\\", "/")).resolve()
         named = Path(path).suffix.lower() in IMAGES and image.suffix.lower() in IMAGES
         return image if named and image.is_relative_to(folder.resolve()) and image.is_file() else None
     except (OSError, ValueError, RuntimeError):  # too long, a zero byte, links in a circle

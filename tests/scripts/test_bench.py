@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import pytest
 
-from scripts.bench import fusion, measuring, memory, render, simulation, store, training
+from scripts.bench import fusion, measuring, memory, reading, render, simulation, store, training
 from scripts.bench.measuring import Results, Timings, interleaved
 from tests.helpers.paths import ROOT
 
@@ -53,6 +53,14 @@ KEYS = {
         ),
     },
     "memory": {"predict_mb_3", "predict_mb_6", "predict_ratio", "fuse_mb_3", "fuse_mb_6", "fuse_ratio"},
+    "reading": {
+        *(f"{kind}_{key}" for kind in ("obj", "ply", "glb") for key in ("s", "trimesh_s")),
+        *(f"ratio_{kind}_ours_to_fastest" for kind in ("obj", "ply", "glb")),
+        "sequence_frames_per_s",
+        "ratio_sequence_ours_to_trimesh",
+        "sequence_mb",
+        "ratio_sequence_mb_all_to_half",
+    },
     "simulation": {
         "vertices",
         "frames_per_s",
@@ -92,6 +100,7 @@ BENCHES = {
     "render": render,
     "fusion": fusion,
     "memory": memory,
+    "reading": reading,
     "simulation": simulation,
     "store": store,
     "training": training,

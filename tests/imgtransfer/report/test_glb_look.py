@@ -68,6 +68,8 @@ newmtl red velvet
 newmtl glass
 Tr 0.75
 Kd 0 1
+newmtl light
+Kd 0.5
 newmtl plain
 """
 
@@ -76,6 +78,7 @@ newmtl plain
     ("red", [1, 0, 0, 0.25]),
     ("red velvet", [0.5, 0, 0.1, 1]),  # another name that begins alike
     ("plain", GREY),
+    ("light", [0.5, 0.5, 0.5, 1]),  # one number is all three
     ("absent", GREY),
     ("re.", GREY),  # a name is no pattern
 ])  # fmt: skip

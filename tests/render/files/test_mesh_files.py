@@ -189,9 +189,6 @@ def test_ply_headers_that_count_too_much(tmp_path, element, count, encoding):
     wanted, path = element.encode(), tmp_path / "bad.ply"
     assert wanted in whole
     path.write_bytes(whole.replace(wanted, element.split()[0].encode() + b" " + count.encode(), 1))
-    if encoding == "ascii" and count == "3000000000" and element == "face 12":
-        assert len(load_mesh(path).faces) == 12  # to the file's end
-        return
     with pytest.raises(InputError, match=r"bad\.ply"):
         load_mesh(path)
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from render import InputError
-from render.files.obj import read_obj, textures
+from render.files.mtl import textures
+from render.files.obj import read_obj
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0.5 2 0\n"
 

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from render import InputError, load_mesh
-from render.files.obj import textures
+from render.files.mtl import textures
 from render.mesh.surface import Surface, plain_surface
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
