@@ -92,7 +92,7 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
 def run(args: argparse.Namespace) -> None:
     """Simulate, and say where the data set is."""
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
-    from imgtransfer.running.extras import check_installed  # noqa: PLC0415
+    from render.extras import check_installed  # noqa: PLC0415
     from imgtransfer.simulation.config import SimulateConfig  # noqa: PLC0415
     from imgtransfer.simulation.planning.job import simulate  # noqa: PLC0415
     from imgtransfer.simulation.planning.plan import plan  # noqa: PLC0415
