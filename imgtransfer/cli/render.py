@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imgtransfer.cli.mesh_options import (
+    OBJECTS,
     OF_AXES,
     OF_GARMENT_AXES,
     add_axes,
+    add_objects,
     check_axes_used,
     chosen_axes,
 )
@@ -30,7 +32,15 @@ if TYPE_CHECKING:
     from imgtransfer.pipeline.render import RenderOptions
     from imgtransfer.pipeline.scene import Scene
 
-MESH_OPTIONS = ("body", "body_template", "fps", *OF_AXES, *OF_GARMENT_AXES, "weld")  # only with --template
+MESH_OPTIONS = (
+    "body",
+    "body_template",
+    "fps",
+    *OF_AXES,
+    *OF_GARMENT_AXES,
+    *OBJECTS,
+    "weld",
+)  # only with --template
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -85,6 +95,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     meshes.add_argument("--body-template", type=Path, metavar="FILE", help="the body at rest")
     meshes.add_argument("--fps", type=float, help="frames a second, for the map files; default 30")
     add_axes(meshes)
+    add_objects(meshes, "garment", "body")
     meshes.add_argument(
         "--weld", action="store_true", help="join split seams, so that normals are smooth across them"
     )
@@ -176,6 +187,8 @@ def _meshes(args: argparse.Namespace, frames: str) -> Scene:
         fps=fps,
         axes=axes,
         garment_axes=garment_axes,
+        garment_object=args.garment_object,
+        body_object=args.body_object,
         welding=args.weld,
     )
     return _cut(args, scene)

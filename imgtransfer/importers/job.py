@@ -34,6 +34,8 @@ class ImportOptions:
         gender: of the SMPL body, where the format does not say.
         axes: how the meshes' coordinates lie.
         garment_axes: how the garment's lie; None where they are as the body's.
+        garment_object, body_object: which mesh of an Alembic or USD file is the garment and the body, by name or path;
+            None takes the only one.
         weld: join split seams. anyway: import although the checks found something.
     """
 
@@ -47,6 +49,8 @@ class ImportOptions:
     gender: str | None = None
     axes: Axes = field(default_factory=Axes)
     garment_axes: Axes | None = None
+    garment_object: str | None = None
+    body_object: str | None = None
     weld: bool = False
     anyway: bool = False
 

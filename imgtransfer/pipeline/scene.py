@@ -71,20 +71,23 @@ def mesh_scene(
     fps: float = 30.0,
     axes: Axes | None = None,
     garment_axes: Axes | None = None,
+    garment_object: str | None = None,
+    body_object: str | None = None,
     welding: bool = False,
 ) -> Scene:
     """Plain mesh files.
 
     Args:
         template: the garment at rest.
-        frames: the garment in motion: one mesh file, a folder with a file a frame, a pattern, a point cache, or an
-            npz of arrays or of a clip.
+        frames: the garment in motion: one mesh file, a folder with a file a frame, a pattern, a point cache, an
+            Alembic or USD file, or an npz of arrays or of a clip.
         body_template, body: the same of the body; both or neither.
         root: the canonical frame, found by fitting the body at rest to each frame; None: the meshes lie in it
             already. Needs a body.
         fps: frames a second.
         axes: how the files' coordinates lie; None for metres, y up, facing +z. garment_axes: the garment's, where
             they lie otherwise.
+        garment_object, body_object: which mesh of an Alembic or USD file, by name or path; None takes the only one.
         welding: join split seams, so that normals are smooth across them.
 
     Raises:
@@ -92,7 +95,7 @@ def mesh_scene(
             root without a body; welded seams that part.
     """
     axes = axes or Axes()
-    garment = _read(frames, "garment", garment_axes or axes, template, welding=welding)
+    garment = _read(frames, "garment", garment_axes or axes, template, chosen=garment_object, welding=welding)
     name = template.stem if frames.is_dir() or is_pattern(frames) else frames.stem
     if (body_template is None) != (body is None):
         raise InputError(
@@ -106,7 +109,7 @@ def mesh_scene(
         count = garment.n_frames
         still = RootFrames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
         return Scene(name, garment.mesh, {"garment": garment}, still, fps, range(count))
-    dressed = _read(body, "body", axes, body_template, welding=welding)
+    dressed = _read(body, "body", axes, body_template, chosen=body_object, welding=welding)
     clip = Clip(
         template=Template(vertices=garment.mesh.vertices.astype(np.float32), faces=garment.mesh.faces),
         garment=Garment(garment.vertices()),
@@ -121,6 +124,8 @@ def mesh_scene(
     return clip_scene(clip, root or "heading")
 
 
-def _read(frames: Path, kind: Kind, axes: Axes, rest: Path, *, welding: bool) -> MeshSequence:
-    sequence = open_in_metres(frames, kind, axes, rest)
+def _read(
+    frames: Path, kind: Kind, axes: Axes, rest: Path, *, chosen: str | None, welding: bool
+) -> MeshSequence:
+    sequence = open_in_metres(frames, kind, axes, rest, which=Option(f"{kind}_object", chosen))
     return (weld_sequence(sequence) if welding else sequence).loaded()
