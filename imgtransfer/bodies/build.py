@@ -22,7 +22,7 @@ from imgtransfer.bodies.anny import BODY_FILE, SHAPES_FILE
 from imgtransfer.bodies.bake import phenotype_basis
 from imgtransfer.bodies.retarget import BONES
 from imgtransfer.running.exit import exit_status
-from imgtransfer.running.extras import check_installed, optional
+from render.extras import check_installed, optional
 from render.files.npz_writer import write_npz
 
 SKIN_VERTICES = 13348  # of the default topology; tongue and eyes come after them

@@ -11,6 +11,8 @@ from render import InputError
 
 OPTIONAL = {  # what for, and the extra of this project that installs it
     "newton": ("cloth simulation (`imgtransfer simulate`)", "simulate"),
+    "alembic3d": ("meshes in Alembic files (.abc)", "alembic"),
+    "usd-core": ("meshes in USD files (.usd, .usda, .usdc, .usdz)", "usd"),
     "anny": ("the Anny body model, to rebuild the body mesh", "bodies"),
 }
 CORE = (

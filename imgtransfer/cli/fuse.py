@@ -7,7 +7,14 @@ from pathlib import Path
 from shlex import join
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.mesh_options import OF_AXES, OF_GARMENT_AXES, OF_MOTION_AXES, add_axes
+from imgtransfer.cli.mesh_options import (
+    OBJECTS,
+    OF_AXES,
+    OF_GARMENT_AXES,
+    OF_MOTION_AXES,
+    add_axes,
+    add_objects,
+)
 from imgtransfer.cli.options import (
     add_changes,
     add_clip_names,
@@ -31,16 +38,8 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
 
 # Options of the form with --maps.
 SINGLE = (
-    "out",
-    "template",
-    "initial",
-    "body",
-    "inner",
-    "pins",
-    *OF_AXES,
-    *OF_GARMENT_AXES,
-    *OF_MOTION_AXES,
-    "weld",
+    *("out", "template", "initial", "body", "inner", "pins"),
+    *(*OF_AXES, *OF_GARMENT_AXES, *OF_MOTION_AXES, *OBJECTS, "inner_object", "weld"),
 )
 
 
@@ -107,13 +106,13 @@ def _add_single(group: argparse._ArgumentGroup) -> None:
         "--body",
         type=Path,
         help="what the garment is kept out of: npz with body_faces and body_vertices (frames, vertices, 3), a clip "
-        "npz, mesh files (one, a folder or a pattern of them, a frame each), or a point cache",
+        "npz, mesh files (one, a folder or a pattern of them, a frame each), a point cache, or an Alembic or USD file",
     )
     group.add_argument(
         "--initial",
         type=Path,
         help="garment to start from in place of the position maps: npz with garment_faces and garment_vertices, a "
-        "clip npz, mesh files, or a point cache, as for --body",
+        "clip npz, mesh files, a point cache, or an Alembic or USD file, as for --body",
     )
     group.add_argument(
         "--inner", type=Path, help="another garment, worn beneath, to stay outside of; files as for --initial"
@@ -125,6 +124,7 @@ def _add_single(group: argparse._ArgumentGroup) -> None:
         "and, to say where, positions (P, 3) or (frames, P, 3)",
     )
     add_axes(group)
+    add_objects(group, "garment", "body", "inner")
     group.add_argument(
         "--weld",
         action="store_true",

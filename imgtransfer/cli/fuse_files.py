@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from imgtransfer.cli.mesh_options import check_axes_used, chosen_axes, chosen_motion_axes
-from imgtransfer.data.sequences import clip_reader
+from imgtransfer.data.sequences import Kind, clip_reader
+from imgtransfer.importers.checks.axes import Axes, MotionAxes
 from imgtransfer.importers.checks.motion import note_motion
 from imgtransfer.importers.checks.weld import Welded, weld
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.pipeline.fuse import FuseInputs
 from imgtransfer.pipeline.pins import Pins, load_pins
-from render import InputError, load_mesh
-from render.files.sequence import is_cache, is_sequence
+from render import InputError, MeshSequence, Option
+from render.files.scenes.reader import is_scene
+from render.files.sequence import check_choice, is_cache, is_sequence, load_file
+
+_FILES = {
+    "garment": ("template", "initial"),
+    "body": ("body",),
+    "inner": ("inner",),
+}  # whose objects are chosen
 
 
 def given_files(args: argparse.Namespace) -> FuseInputs:
@@ -38,14 +47,15 @@ def given_files(args: argparse.Namespace) -> FuseInputs:
     motion = chosen_motion_axes(args)
     arrays = args.body is not None and not is_sequence(args.body)
     moved = args.template if args.initial is not None and is_cache(args.initial) else None
+    which = {kind: Option(f"{kind}_object", getattr(args, f"{kind}_object")) for kind in _FILES}
+    for kind, files in _FILES.items():
+        check_choice(which[kind], *(path for file in files if (path := getattr(args, file)) is not None))
     given = FuseInputs(
-        template=of_garment.of_mesh(load_mesh(args.template)) if args.template else None,
-        initial=open_in_metres(args.initial, "garment", of_garment, moved, motion=motion)
-        if args.initial
-        else None,
-        body=open_in_metres(args.body, "body", axes, motion=motion) if args.body else None,
+        template=of_garment.of_mesh(load_file(args.template, which["garment"])) if args.template else None,
+        initial=_open(args.initial, "garment", of_garment, motion, which["garment"], rest=moved),
+        body=_open(args.body, "body", axes, motion, which["body"]),
         clip=clip_reader(args.body) if arrays else None,
-        inner=open_in_metres(args.inner, "garment", of_garment, motion=motion) if args.inner else None,
+        inner=_open(args.inner, "garment", of_garment, motion, which["inner"]),
         pins=load_pins(args.pins) if args.pins else None,
     )
     opened = (
@@ -60,6 +70,23 @@ def given_files(args: argparse.Namespace) -> FuseInputs:
     ]
     note_motion([moving for moving, _ in told], [lay for _, lay in told])
     return _welded(given, args) if args.weld else given
+
+
+def _open(
+    path: Path | None,
+    kind: Kind,
+    axes: Axes,
+    motion: MotionAxes,
+    which: Option,
+    *,
+    rest: Path | None = None,
+) -> MeshSequence | None:
+    """A file's mesh in motion; what is chosen counts where the file has several."""
+    if path is None:
+        return None
+    scene = any(is_scene(file) for file in (path, rest) if file is not None)
+    chosen = which if scene else Option(which.name)
+    return open_in_metres(path, kind, axes, rest, motion=motion, which=chosen)
 
 
 def _welded(given: FuseInputs, args: argparse.Namespace) -> FuseInputs:

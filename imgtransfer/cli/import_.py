@@ -9,7 +9,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.mesh_options import add_axes, chosen_axes, chosen_motion_axes
+from imgtransfer.cli.mesh_options import add_axes, add_objects, chosen_axes, chosen_motion_axes
 from imgtransfer.cli.options import add_clip_names, add_dry_run
 from render import InputError
 from render.errors import one_line
@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
 
 FORMATS = {
     "clips": "clip npz files, folders of them, or data sets (the default)",
-    "meshes": "your own: a folder a clip with garment and body as OBJ or PLY frames or PC2 or MDD caches",
+    "meshes": "your own: a folder a clip with garment and body as OBJ or PLY frames, caches, Alembic or USD",
     "vto": "the VTO data set: .pkl files or folders of them; needs --smpl and --template",
     "tailornet": "the TailorNet data set: folders such as skirt_female, in their root",
     "cloth3d": "CLOTH3D: samples' folders, or folders of them; needs --smpl",
@@ -42,6 +42,8 @@ _OF = {
     "motion_up": ("meshes",),
     "motion_facing": ("meshes",),
     "motion_unit": ("meshes",),
+    "garment_object": ("meshes",),
+    "body_object": ("meshes",),
     "weld": ("meshes",),
     "anyway": ("meshes",),
     "smpl": ("vto", "tailornet", "cloth3d", "virtualbones"),
@@ -98,6 +100,7 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--template", type=Path, metavar="FILE", help="the garment in the body's rest pose")
     group.add_argument("--body-rest", type=Path, metavar="FILE", help="the body in its rest pose")
     add_axes(group)
+    add_objects(group, "garment", "body")
     group.add_argument(
         "--weld", action="store_true", help="join split seams; outputs still have the files' vertices and UVs"
     )
@@ -177,6 +180,8 @@ def _options(args: argparse.Namespace, kind: str) -> ImportOptions:
         axes=axes,
         garment_axes=of_garment,
         motion_axes=chosen_motion_axes(args),
+        garment_object=args.garment_object,
+        body_object=args.body_object,
         weld=args.weld,
         anyway=args.anyway,
     )

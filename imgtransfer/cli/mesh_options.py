@@ -12,6 +12,7 @@ if TYPE_CHECKING:  # `--help` must not wait for the array libraries
 
 
 OF_AXES = ("up", "facing", "unit", "scale")  # as `add_axes` calls them
+OBJECTS = ("garment_object", "body_object")  # as `add_objects` calls them
 OF_GARMENT_AXES = ("garment_up", "garment_facing", "garment_unit")
 OF_MOTION_AXES = ("motion_up", "motion_facing", "motion_unit")
 
@@ -50,6 +51,16 @@ def chosen_motion_axes(args: argparse.Namespace) -> MotionAxes:
     return MotionAxes(args.motion_up, args.motion_facing, _metres("--motion-unit", args.motion_unit))
 
 
+def add_objects(group: argparse._ArgumentGroup, *kinds: str) -> None:
+    """Add --garment-object and the like, for each of the kinds of mesh."""
+    for kind in kinds:
+        group.add_argument(
+            f"--{kind}-object",
+            metavar="NAME",
+            help=f"which mesh of an Alembic or USD file is the {kind}: its name or path; default the only one",
+        )
+
+
 def chosen_axes(args: argparse.Namespace) -> tuple[Axes, Axes | None]:
     """How the body's files lie, and the garment's where it is otherwise.
 
@@ -61,12 +72,18 @@ def chosen_axes(args: argparse.Namespace) -> tuple[Axes, Axes | None]:
     if args.unit is not None and args.scale is not None:
         raise InputError("--unit and --scale say the same; give one of them")
     scale = args.scale if args.scale is not None else _metres("--unit", args.unit) or 1.0
-    axes = Axes(args.up or "y", args.facing or usual_facing(args.up or "y"), scale)
+    given = {name for name in ("up", "facing") if getattr(args, name)}
+    given |= {"scale"} if args.unit or args.scale is not None else set()
+    up = args.up or "y"
+    axes = Axes(up, args.facing or usual_facing(up), scale, frozenset(given))
     if not (args.garment_up or args.garment_facing or args.garment_unit):
         return axes, None
+    given |= {name for name in ("up", "facing") if getattr(args, f"garment_{name}")}
+    given |= {"scale"} if args.garment_unit else set()
     up = args.garment_up or axes.up
     facing = args.garment_facing or (axes.facing if up == axes.up else usual_facing(up))
-    return axes, Axes(up, facing, _metres("--garment-unit", args.garment_unit) or scale)
+    metres = _metres("--garment-unit", args.garment_unit) or scale
+    return axes, Axes(up, facing, metres, frozenset(given))
 
 
 def check_axes_used(args: argparse.Namespace, *, body: bool, garment: bool, wanted: str) -> None:

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imgtransfer.cli.mesh_options import (
+    OBJECTS,
     OF_AXES,
     OF_GARMENT_AXES,
     OF_MOTION_AXES,
     add_axes,
+    add_objects,
     check_axes_used,
     chosen_axes,
     chosen_motion_axes,
@@ -39,6 +41,7 @@ MESH_OPTIONS = (
     *OF_AXES,
     *OF_GARMENT_AXES,
     *OF_MOTION_AXES,
+    *OBJECTS,
     "weld",
 )  # only with --template
 
@@ -95,6 +98,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     meshes.add_argument("--body-template", type=Path, metavar="FILE", help="the body at rest")
     meshes.add_argument("--fps", type=float, help="frames a second, for the map files; default 30")
     add_axes(meshes)
+    add_objects(meshes, "garment", "body")
     meshes.add_argument(
         "--weld", action="store_true", help="join split seams, so that normals are smooth across them"
     )
@@ -189,6 +193,8 @@ def _meshes(args: argparse.Namespace, frames: str) -> Scene:
         axes=axes,
         garment_axes=garment_axes,
         motion_axes=chosen_motion_axes(args),
+        garment_object=args.garment_object,
+        body_object=args.body_object,
         welding=args.weld,
     )
     return _cut(args, scene)

@@ -6,7 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imgtransfer.cli.mesh_options import OF_MOTION_AXES, add_axes, chosen_axes, chosen_motion_axes
+from imgtransfer.cli.mesh_options import (
+    OF_MOTION_AXES,
+    add_axes,
+    add_objects,
+    chosen_axes,
+    chosen_motion_axes,
+)
 from imgtransfer.cli.options import (
     add_changes,
     add_clip_names,
@@ -20,14 +26,17 @@ from render import InputError
 from render.options import Option, options_named
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
+    from imgtransfer.importers.checks.axes import Axes
     from imgtransfer.simulation.config import SimulateConfig
     from imgtransfer.simulation.motion_config import FileMotions
 
-_OF_GARMENT = ("garment", "pinned", "anyway", "garment_up", "garment_facing", "garment_unit")
+_OF_GARMENT = (
+    *("garment", "pinned", "anyway", "garment_up", "garment_facing", "garment_unit", "garment_object"),
+)
 _OF_AXES = ("up", "facing", "unit", "scale")
 _OF_TEMPLATE = ("weld", "pinned", "anyway")  # keys of a garment's own mesh that are options, too
 _OF_BODY = {"smpl": "path", "gender": "gender"}  # what importers call a SMPL body's settings
-_OF_SEQUENCES = ("body_rest", "fps", *OF_MOTION_AXES)
+_OF_SEQUENCES = ("body_rest", "fps", "body_object", *OF_MOTION_AXES)
 _DECIDED = {  # by options, in place of the configuration
     "template": ("garment", "garments"),
     "unit": ("sequences.unit", "sequences.scale"),
@@ -55,7 +64,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         type=Path,
         metavar="CONFIG_OR_SOURCE",
         help="a YAML file such as configs/data/sample.yaml, and/or motion files (AMASS-style npz, BVH), and/or body "
-        "mesh sequences (a folder with body/ frames or body.pc2 and body_rest.obj, as `import meshes` reads them), "
+        "mesh sequences (a folder with body/ frames or body.pc2 and body_rest.obj, as `import meshes` reads them, or "
+        "an Alembic or USD file), "
         "or folders of either",
     )
     parser.add_argument(
@@ -79,7 +89,8 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
         "--template",
         type=Path,
         metavar="FILE",
-        help="your garment (OBJ, PLY, GLB or STL) in the body's rest pose, in place of the configuration's garments",
+        help="your garment (OBJ, PLY, GLB, STL, Alembic or USD) in the body's rest pose, in place of the "
+        "configuration's garments",
     )
     group.add_argument("--garment", metavar="NAME", help="its name in the data set; default the file's")
     group.add_argument(
@@ -90,6 +101,7 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument("--anyway", action="store_true", help="go on although the checks found something")
     add_axes(group)
+    add_objects(group, "garment", "body")
     group.add_argument(
         "--body-rest", type=Path, metavar="FILE", help="a mesh sequence's body in its rest pose"
     )
@@ -102,12 +114,12 @@ def run(args: argparse.Namespace) -> None:
     """Simulate, and say where the data set is."""
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
     from imgtransfer.importers.summary import told  # noqa: PLC0415
-    from imgtransfer.running.extras import check_installed  # noqa: PLC0415
     from imgtransfer.simulation.config import SimulateConfig  # noqa: PLC0415
     from imgtransfer.simulation.planning.job import simulate  # noqa: PLC0415
     from imgtransfer.simulation.planning.overview import plan_lines, summaries_of  # noqa: PLC0415
     from imgtransfer.simulation.planning.plan import plan  # noqa: PLC0415
     from imgtransfer.simulation.planning.sources import sorted_sources  # noqa: PLC0415
+    from render.extras import check_installed  # noqa: PLC0415
 
     check_installed("simulate", "simulate", "newton", "gpytoolbox")
     executor = chosen_executor(args)
@@ -175,7 +187,7 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
     chosen_motion_axes(args)  # names the option of what is no axis
     given = {name: getattr(args, name) for name in (*_OF_SEQUENCES, "weld") if getattr(args, name)}
     if any(getattr(args, name) for name in _OF_AXES):
-        given |= {"up": axes.up, "facing": axes.facing, "scale": axes.scale}
+        given |= {name: getattr(axes, name) for name in _said(axes)}
     if given:
         kept = config.sequences.model_dump(exclude_unset=True)
         if "scale" in given:
@@ -184,9 +196,8 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
     if args.template is not None:
         garment = TemplateConfig(
             path=args.template,
-            up=of_garment.up,
-            facing=of_garment.facing,
-            scale=of_garment.scale,
+            **{name: getattr(of_garment, name) for name in _said(of_garment)},
+            object=args.garment_object,
             weld=args.weld,
             pinned=args.pinned,
             anyway=args.anyway,
@@ -206,6 +217,11 @@ def _with_joints(files: FileMotions, path: Path) -> FileMotions:
     content = read_yaml(path, "a YAML file of SMPL's joints and a BVH skeleton's names of them")
     joints = parse_config(FileMotions, {"joints": content}, str(path)).joints
     return files.model_copy(update={"joints": joints})
+
+
+def _said(axes: Axes) -> set[str]:
+    """What is given of axes; an axis that points up decides the one that is faced."""
+    return set(axes.given) | ({"facing"} if "up" in axes.given else set())
 
 
 def _check_used(args: argparse.Namespace, *, sequences: bool, bvh: bool) -> None:

@@ -146,14 +146,21 @@ class MeshFile(Section):
     def axes(self) -> Axes:
         """The same as the importers have it."""
         scale = UNITS[self.unit] if self.scale is None else self.scale
-        return Axes(self.up, self.facing or usual_facing(self.up), scale)
+        given = self.model_fields_set & {"up", "facing"}
+        given |= {"scale"} if self.model_fields_set & {"unit", "scale"} else set()
+        return Axes(self.up, self.facing or usual_facing(self.up), scale, frozenset(given))
 
 
 class TemplateConfig(MeshFile):
     """The user's own garment mesh, made for the body that it is simulated on; outputs have its file's vertices."""
 
     kind: Literal["template"] = Field("template", description="Your own garment mesh.")
-    path: Path = Field(description="The mesh file (OBJ, PLY, GLB or STL), in the body's rest pose.")
+    path: Path = Field(
+        description="The mesh file (OBJ, PLY, GLB, STL, Alembic or USD), in the body's rest pose."
+    )
+    object: str | None = Field(
+        None, description="Which mesh of an Alembic or USD file, by name or path; null is the only one."
+    )
     pinned: bool = Field(
         False,
         description="Whether the topmost opening is a waistband, which stays where it is on the skin.",

@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 
 from imgtransfer.garments.cutting import border_edges, cut_at_zero, largest_component, without_pinches
 from imgtransfer.garments.field import Field
-from imgtransfer.running.extras import optional
+from render.extras import optional
 from render.mesh.mesh import Mesh
 
 Cut = Callable[[np.ndarray], np.ndarray]  # (N, 3) points -> (N,), positive where cloth is removed

@@ -141,6 +141,7 @@ def template_garment(
         body,
         axes=config.axes,
         body_axes=body_axes,
+        chosen=config.object,
         welding=config.weld,
         anyway=config.anyway,
     )

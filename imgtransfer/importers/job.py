@@ -36,6 +36,8 @@ class ImportOptions:
         axes: how the meshes' coordinates lie.
         garment_axes: how the garment's lie; None where they are as the body's.
         motion_axes: how the frames of both lie where they lie otherwise than the rest meshes.
+        garment_object, body_object: which mesh of an Alembic or USD file is the garment and the body, by name or path;
+            None takes the only one.
         weld: join split seams. anyway: import although the checks found something.
     """
 
@@ -50,6 +52,8 @@ class ImportOptions:
     axes: Axes = field(default_factory=Axes)
     garment_axes: Axes | None = None
     motion_axes: MotionAxes = AS_AT_REST
+    garment_object: str | None = None
+    body_object: str | None = None
     weld: bool = False
     anyway: bool = False
 

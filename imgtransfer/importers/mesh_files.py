@@ -14,6 +14,8 @@ from render import InputError
 from render.files.frame_files import FRAMES, is_rest_name
 from render.files.mesh_files import SUFFIXES as MESHES
 from render.files.point_caches import SUFFIXES as CACHES
+from render.files.scenes.reader import SUFFIXES as SCENES
+from render.files.scenes.reader import is_scene
 from render.files.sequence import sequence_files
 
 
@@ -33,11 +35,14 @@ class Source:
 
 
 def find_source(folder: Path, options: ImportOptions) -> Source:
-    """The files of one clip in its folder; `options.template` and `options.body_rest` come before what is there.
+    """The files of one clip in its folder, or the one file with all; `options.template` and `options.body_rest` come
+    before what is there.
 
     Raises:
         InputError: no such folder, or no garment or body in it.
     """
+    if is_scene(folder) and folder.exists():
+        return Source(folder, folder, options.template, options.body_rest)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; one with garment and body frames is wanted")
     garment, body = (_wanted(folder, what) for what in ("garment", "body"))
@@ -50,11 +55,14 @@ def find_source(folder: Path, options: ImportOptions) -> Source:
 
 
 def find_body(folder: Path, body_rest: Path | None = None) -> tuple[Path, Path | None]:
-    """The moving body in a clip's folder, and its rest pose (None takes the first frame); `body_rest` comes first.
+    """The moving body in a clip's folder or scene, and its rest pose (None takes the first frame); `body_rest` comes
+    first.
 
     Raises:
         InputError: no body in it.
     """
+    if is_scene(folder):
+        return folder, body_rest
     body = _wanted(folder, "body")
     return body, body_rest or rest_mesh(folder, body, "body")
 
@@ -77,18 +85,18 @@ def _wanted(folder: Path, what: str) -> Path:
     if found is None:
         raise InputError(
             f"{folder}: no {what} in it; wanted is a folder {what}/ of OBJ or PLY frames, frames "
-            f"{what}_0000.obj and so on, or a point cache {what}.pc2 (.mdd, .pc16)"
+            f"{what}_0000.obj and so on, a point cache {what}.pc2 (.mdd, .pc16), or {what}.abc or {what}.usd"
         )
     return found
 
 
 def moving_in(folder: Path, what: str) -> Path | None:
-    """Where a clip's folder has its "garment" or "body": a folder, a cache, or a pattern of frames; None if nowhere."""
+    """Where a clip's folder has its "garment" or "body": a folder, a file, or a pattern of frames; None if nowhere."""
     if (folder / what).is_dir():
         return folder / what
-    for suffix in CACHES:
-        if is_there(cache := folder / f"{what}{suffix}", "a point cache"):
-            return cache
+    for suffix in (*CACHES, *SCENES):
+        if is_there(file := folder / f"{what}{suffix}", "a point cache or a scene"):
+            return file
     frames = [
         file for file in folder.iterdir() if file.suffix.lower() in FRAMES and file.name.startswith(what)
     ]

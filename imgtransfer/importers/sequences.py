@@ -8,32 +8,42 @@ from pathlib import Path
 from imgtransfer.data.sequences import Kind, open_clip_arrays
 from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
 from imgtransfer.importers.checks.weld import Welded, weld, weld_motion
-from render import InputError, MeshSequence, load_mesh
+from render import InputError, MeshSequence, Option
 from render.files.atomic import check_regular
 from render.files.mesh_files import SUFFIXES as MESHES
-from render.files.sequence import is_cache, is_sequence, open_sequence
+from render.files.scenes.reader import SUFFIXES as SCENES
+from render.files.sequence import check_choice, is_cache, is_sequence, load_file, open_sequence
 
 REST = {"garment": "template", "body": "body_rest"}  # what files of the rest pose are called
 
 
 def open_in_metres(
-    path: Path, kind: Kind, axes: Axes, rest: Path | None = None, *, motion: MotionAxes = AS_AT_REST
+    path: Path,
+    kind: Kind,
+    axes: Axes,
+    rest: Path | None = None,
+    *,
+    motion: MotionAxes = AS_AT_REST,
+    which: Option | None = None,
 ) -> MeshSequence:
     """A garment or a body in motion; frames are read when their turn comes.
 
     Args:
-        path: a folder of mesh files, a pattern, one mesh file, or a point cache; or a clip npz, or an npz with
-            `<kind>_faces` and `<kind>_vertices`. A cache without `rest` moves the mesh beside it.
+        path: a folder of mesh files, a pattern, one mesh file, a point cache, or an Alembic or USD file; or a clip npz,
+            or an npz with `<kind>_faces` and `<kind>_vertices`. A cache without `rest` moves the mesh beside it.
         kind: which of a clip's meshes, and what arrays and files are called.
         axes: how mesh files lie; arrays are in metres, y up, always.
         rest: a mesh file with the rest pose; None takes the first frame, or what a cache moves.
         motion: how the frames lie where they lie otherwise than the rest pose.
+        which: the option that chooses among the meshes of Alembic and USD files; None is `<kind>_object` without value.
 
     Raises:
         InputError: files that cannot be read, a cache without the mesh that it moves, or a rest pose that is not the
             frames' mesh.
     """
-    resting = load_mesh(rest) if rest is not None else None
+    which = which or Option(f"{kind}_object")
+    check_choice(which, *(file for file in (path, rest) if file is not None))
+    resting = load_file(rest, which) if rest is not None else None
     if is_sequence(path) or not (path.suffix.lower() == ".npz" or path.is_file()):
         if resting is None and is_cache(path):
             beside = mesh_beside(path, kind)
@@ -41,8 +51,8 @@ def open_in_metres(
                 raise InputError(
                     f"{path}: a point cache has no triangles; put the mesh that it moves beside it as {REST[kind]}.obj"
                 )
-            resting = load_mesh(beside)
-        sequence = motion.beside(axes).of_sequence(open_sequence(path, resting))
+            resting = load_file(beside, which)
+        sequence = motion.beside(axes).of_sequence(open_sequence(path, resting, which))
     else:
         sequence = open_clip_arrays(path, kind)
     if resting is None:
@@ -71,7 +81,8 @@ def mesh_file(folder: Path, name: str) -> Path | None:
     Raises:
         InputError: it is there, but no regular file.
     """
-    places = [place / f"{name}{suffix}" for place in (folder, folder.resolve().parent) for suffix in MESHES]
+    suffixes = (*MESHES, *SCENES)
+    places = [place / f"{name}{suffix}" for place in (folder, folder.resolve().parent) for suffix in suffixes]
     return next((place for place in places if is_there(place, "a mesh file")), None)
 
 

@@ -78,20 +78,23 @@ def mesh_scene(
     axes: Axes | None = None,
     garment_axes: Axes | None = None,
     motion_axes: MotionAxes = AS_AT_REST,
+    garment_object: str | None = None,
+    body_object: str | None = None,
     welding: bool = False,
 ) -> Scene:
     """Plain mesh files.
 
     Args:
         template: the garment at rest.
-        frames: the garment in motion: one mesh file, a folder with a file a frame, a pattern, a point cache, or an
-            npz of arrays or of a clip.
+        frames: the garment in motion: one mesh file, a folder with a file a frame, a pattern, a point cache, an
+            Alembic or USD file, or an npz of arrays or of a clip.
         body_template, body: the same of the body; both or neither.
         root: the canonical frame, found by fitting the body at rest to each frame; None: the meshes lie in it
             already. Needs a body.
         fps: frames a second.
         axes: how the files' coordinates lie; None for metres, y up, facing +z. garment_axes: the garment's, where
             they lie otherwise. motion_axes: the frames' of both, where they lie otherwise than at rest.
+        garment_object, body_object: which mesh of an Alembic or USD file, by name or path; None takes the only one.
         welding: join split seams, so that normals are smooth across them.
 
     Raises:
@@ -104,9 +107,10 @@ def mesh_scene(
         )
     axes = axes or Axes()
     garment_axes = garment_axes or axes
-    moving = [open_in_metres(frames, "garment", garment_axes, template, motion=motion_axes)]
+    chosen = Option("garment_object", garment_object), Option("body_object", body_object)
+    moving = [open_in_metres(frames, "garment", garment_axes, template, motion=motion_axes, which=chosen[0])]
     if body is not None:
-        moving.append(open_in_metres(body, "body", axes, body_template, motion=motion_axes))
+        moving.append(open_in_metres(body, "body", axes, body_template, motion=motion_axes, which=chosen[1]))
     _check_frames([frames, body], moving, [garment_axes, axes], motion_axes)
     taken = tuple(f"{motion_text(one)}; {mesh_text(one.mesh)}; {size_text(one.mesh)}" for one in moving)
     total = sum(sequence.n_frames for sequence in moving)

@@ -10,9 +10,9 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from imgtransfer.running.extras import optional
 from imgtransfer.running.task import WORKER_VARIABLE, Outcome, attempt, call_packed, pack
 from render import InputError, Option
+from render.extras import optional
 
 T = TypeVar("T")
 R = TypeVar("R")

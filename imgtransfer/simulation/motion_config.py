@@ -133,6 +133,10 @@ class SequenceFiles(MeshFile):
     body_rest: Path | None = Field(
         None, description="The body at rest; null is body_rest.obj beside or above the frames."
     )
+    body_object: str | None = Field(
+        None,
+        description="Which mesh of an Alembic or USD file is the body, by name or path; null is the only one.",
+    )
     speed: MetresPerSecond = Field(
         30.0, gt=0, le=1e9, description="Of a vertex; faster sequences are left out."
     )

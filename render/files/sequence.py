@@ -1,4 +1,4 @@
-"""Meshes in motion from files: one file a frame, a point cache, or arrays; read when their turn comes.
+"""Meshes in motion from files: one file a frame, a point cache, a scene, or arrays; read when their turn comes.
 
 What does not fit together is named by its file. Vertices stay in the file's units and axes.
 """
@@ -18,9 +18,14 @@ from render.files.mesh_files import load_mesh
 from render.files.npz import open_npz
 from render.files.point_caches import SUFFIXES as CACHES
 from render.files.point_caches import open_cache
+from render.files.scenes.reader import SUFFIXES as SCENES
+from render.files.scenes.reader import is_scene, open_scene
 from render.limits import FARTHEST_IN_FILES
 from render.mesh.mesh import Mesh, check_faces, check_finite, zero_frame
 from render.mesh.sequence import MeshSequence
+from render.options import Option
+
+ONLY = Option("which")  # no mesh of a scene is chosen: there must be one
 
 
 def is_cache(path: Path) -> bool:
@@ -30,7 +35,7 @@ def is_cache(path: Path) -> bool:
 
 def is_sequence(path: Path) -> bool:
     """Whether `open_sequence` would read what is at a path."""
-    return path.is_dir() or is_pattern(path) or path.suffix.lower() in (*MESHES, *CACHES)
+    return path.is_dir() or is_pattern(path) or path.suffix.lower() in (*MESHES, *CACHES, *SCENES)
 
 
 def sequence_files(source: Path) -> list[Path]:
@@ -42,19 +47,38 @@ def sequence_files(source: Path) -> list[Path]:
     return frame_files(source) if source.is_dir() or is_pattern(source) else [source]
 
 
-def open_sequence(source: Path, mesh: Mesh | None = None) -> MeshSequence:
+def open_sequence(source: Path, mesh: Mesh | None = None, which: Option = ONLY) -> MeshSequence:
     """A mesh in motion; its first frame is read, and with it what the mesh is.
 
     Args:
         source: a folder of OBJ, PLY or GLB files, one a frame; a pattern of such files, such as out/shirt_*.obj; one
-            mesh file for a single frame; or a point cache (.pc2, .pc16, .mdd).
+            mesh file for a single frame; a point cache (.pc2, .pc16, .mdd); or an Alembic or USD file.
         mesh: that a cache moves; not needed for files.
+        which: the option, with its value, that chooses among the meshes of an Alembic or USD file.
 
     Raises:
         InputError: nothing there, frames missing or of several kinds, or a cache without its mesh or of another number
             of vertices. When frames are read: vertex counts or triangles that change, or values not finite.
     """
+    if is_scene(source) and not is_pattern(source):
+        return open_scene(source, which)
     return _of_cache(source, mesh) if is_cache(source) else _of_files(source, frame_files(source))
+
+
+def load_file(path: Path, which: Option) -> Mesh:
+    """The mesh of any file that holds one, in the file's units and axes; of a moving one, the first frame.
+
+    Raises:
+        InputError: as `load_mesh` and `open_scene`.
+    """
+    return open_scene(path, which).mesh if is_scene(path) else load_mesh(path)
+
+
+def check_choice(which: Option, *files: Path) -> None:
+    """Raise InputError where a mesh is chosen, but none of the files has names to choose by."""
+    if which.value is not None and not any(is_scene(file) for file in files):
+        names = ", ".join(map(str, files))
+        raise InputError(f"{names}: {which} does nothing here: it chooses a mesh of an Alembic or USD file")
 
 
 def open_arrays(path: Path, faces: str, vertices: str) -> MeshSequence:

@@ -9,6 +9,7 @@ import numpy as np
 
 from render.errors import InputError
 from render.limits import FARTHEST, FARTHEST_IN_FILES
+from render.mesh.file_axes import FileAxes
 from render.mesh.surface import Surface
 
 
@@ -21,6 +22,7 @@ class Mesh:
         faces: (F, 3) int64, counter-clockwise seen from outside, every index in [0, N).
         source: what error messages call it, usually the file name.
         surface: texture coordinates, materials and the file's numbering; None where nothing of it is known.
+        axes: how the vertices lie where their file says so and they are as they are in it; else None.
 
     Raises:
         InputError: no faces, wrong shapes, an index out of range, or a vertex that is not finite or beyond ±10⁹.
@@ -30,6 +32,7 @@ class Mesh:
     faces: np.ndarray
     source: str = "mesh"
     surface: Surface | None = None
+    axes: FileAxes | None = None
 
     def __post_init__(self) -> None:
         vertices, faces = np.asarray(self.vertices, np.float64), np.asarray(self.faces)

@@ -100,6 +100,8 @@ def _of_files() -> list[Case]:
         *_every(r.MESHES[1:], (*bytes_of_any, *texts.WORD_FAULTS, *texts.LINE_FAULTS), 10),
         *_every(r.BINARY_MESHES, bytes_of_any, 10),
         *_every(r.CACHES, bytes_of_any, 12),
+        *_every(r.SCENES, bytes_of_any),
+        *_every(r.SCENES, bytes_.PARTS, numbers=(1, 2)),
         *_every(r.MATERIALS, bytes_of_any, 8),
         *_every([r.PINS], (*bytes_of_any, *texts.WORD_FAULTS, *texts.LINE_FAULTS), 20),
         *_every(r.REPORTS, bytes_of_any, 8),

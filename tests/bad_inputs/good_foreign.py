@@ -23,12 +23,13 @@ from tests.helpers.import_examples import (
     write_pc2,
 )
 from tests.helpers.public_sets import BETAS, FRAMES, vto_content, write_cloth3d, write_virtualbones
+from tests.helpers.scenes import Written, write_abc, write_usd
 
 MATERIALS = "newmtl cloth\nKd 0.8 0.1 0.1\nmap_Kd weave.png\n"
 
 
 def write_meshes(clip: Clip) -> None:
-    """walk/ with OBJ frames, caches/ with PC2, mdd/ with MDD, and single meshes of every form."""
+    """walk/ with OBJ frames, pc2/ and mdd/ with caches, scenes/ with Alembic and USD, single meshes of every form."""
     assert clip.garment is not None
     parts = {
         "garment": (clip.garment.vertices, clip.template.vertices, clip.template.faces, "template"),
@@ -41,6 +42,14 @@ def write_meshes(clip: Clip) -> None:
         write_mdd(Path(f"mdd/{name}.mdd"), moving, 30.0)
         for folder in ("walk", "pc2", "mdd"):
             write_obj(Path(f"{folder}/{still}.obj"), rest, faces)
+        write_scene = write_abc if name == "garment" else write_usd
+        Path("scenes").mkdir(exist_ok=True)
+        seconds = [frame / 30 for frame in range(len(moving))]
+        written = Written(moving, seconds, [3] * len(faces), faces.reshape(-1).tolist())
+        write_scene(
+            Path(f"scenes/{name}{'.abc' if name == 'garment' else '.usdc'}"), {f"/root/{name}": written}
+        )
+        write_obj(Path(f"scenes/{still}.obj"), rest, faces)
     _write_textured(Path("walk/template.obj"), clip)
     _write_textured(Path("template.obj"), clip)
     mesh = trimesh.Trimesh(clip.template.vertices, clip.template.faces, process=False)

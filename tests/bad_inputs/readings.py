@@ -172,6 +172,10 @@ CACHES = (
     Reading("import-pc2", f"import meshes pc2 {_IMPORT}", "pc2/garment.pc2"),
     Reading("import-mdd", f"import meshes mdd {_IMPORT}", "mdd/body.mdd"),
 )
+SCENES = (
+    Reading("import-abc", f"import meshes scenes {_IMPORT}", "scenes/garment.abc"),
+    Reading("import-usdc", f"import meshes scenes {_IMPORT}", "scenes/body.usdc"),
+)
 MATERIALS = tuple(
     Reading("import-meshes", f"import meshes walk {_IMPORT}", f"walk/{file}", optional=True)
     for file in ("cloth.mtl", "weave.png")

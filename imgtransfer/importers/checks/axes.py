@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from render import InputError, Mesh, MeshSequence, Option
+from render.mesh.file_axes import FileAxes
 from render.mesh.mesh import check_finite
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "dm": 0.1, "in": 0.0254, "ft": 0.3048}  # metres; likeliest first
@@ -23,6 +24,7 @@ class Axes:
         up: the file's axis that points up, one of `AXES`.
         facing: the file's axis that the body faces in its rest pose.
         scale: metres a unit of the file.
+        given: which of the three somebody said; for the others, the word of a file that says how it lies comes first.
 
     Raises:
         InputError: an unknown axis, up and facing along one line, or a scale that is not positive.
@@ -31,6 +33,7 @@ class Axes:
     up: str = "y"
     facing: str = "z"
     scale: float = 1.0
+    given: frozenset[str] = field(default=frozenset(), repr=False)  # fingerprints are of reprs
 
     def __post_init__(self) -> None:
         for name, axis in (("up", self.up), ("facing", self.facing)):
@@ -54,9 +57,17 @@ class Axes:
         """(..., 3) in the file's units and axes -> (..., 3) metres, y up, facing +z; same dtype."""
         return (points @ (self.scale * self.rotation.T)).astype(points.dtype)
 
+    def of_file(self, said: FileAxes | None) -> Axes:
+        """How a file lies that says so itself: as it says, but for what is `given`."""
+        if said is None:
+            return self
+        up = self.up if "up" in self.given else said.up
+        facing = self.facing if self.given & {"up", "facing"} else usual_facing(up)
+        return Axes(up, facing, self.scale if "scale" in self.given else said.metres, self.given)
+
     def of_mesh(self, mesh: Mesh) -> Mesh:
         """The mesh in metres, y up, facing +z."""
-        return replace(mesh, vertices=self.apply(mesh.vertices))
+        return replace(mesh, vertices=self.of_file(mesh.axes).apply(mesh.vertices), axes=None)
 
     def of_sequence(self, sequence: MeshSequence) -> MeshSequence:
         """The sequence in metres, y up, facing +z.
@@ -65,8 +76,10 @@ class Axes:
             InputError: when frames are read: a vertex too far away to be of a garment or body.
         """
 
+        axes = self.of_file(sequence.mesh.axes)
+
         def in_metres(vertices: np.ndarray, first: int) -> np.ndarray:
-            moved = self.apply(vertices)
+            moved = axes.apply(vertices)
             check_finite(moved, sequence.source, first=first)
             return moved
 
@@ -98,7 +111,8 @@ class MotionAxes:
         """
         up = self.up or rest.up
         facing = self.facing or (rest.facing if up == rest.up else usual_facing(up))
-        return Axes(up, facing, rest.scale if self.scale is None else self.scale)
+        given = {name for name in ("up", "facing", "scale") if getattr(self, name) is not None}
+        return Axes(up, facing, rest.scale if self.scale is None else self.scale, rest.given | given)
 
 
 AS_AT_REST = MotionAxes()

@@ -10,7 +10,8 @@ from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.weld import weld
-from render import InputError, Mesh, load_mesh
+from render import InputError, Mesh, Option
+from render.files.sequence import check_choice, load_file
 from render.mesh.measures import face_areas
 
 _FLAT = 0.5e-12  # m², the area of a triangle with sides of a micrometre
@@ -22,16 +23,18 @@ def load_template(
     *,
     axes: Axes | None = None,
     body_axes: Axes | None = None,
+    chosen: str | None = None,
     welding: bool = False,
     anyway: bool = False,
 ) -> tuple[Mesh, list[str]]:
     """Read a garment and check it against the body that shall wear it.
 
     Args:
-        path: OBJ, PLY, GLB or STL.
+        path: OBJ, PLY, GLB, STL, Alembic or USD.
         body: in its rest pose, metres, y up, facing +z; its `source` is what messages call it.
         axes: how the file lies; None for metres, y up, facing +z.
         body_axes: how the body's file lay, where it came from one.
+        chosen: which mesh of an Alembic or USD file, by name or path; None takes the only one.
         welding: join split seams.
         anyway: take it although the checks found something.
 
@@ -44,7 +47,10 @@ def load_template(
             vertices and triangles that cannot be cloth.
     """
     axes = axes or Axes()
-    garment = axes.of_mesh(load_mesh(path))
+    which = Option("garment_object", chosen)
+    path = Path(path)
+    check_choice(which, path)
+    garment = axes.of_mesh(load_file(path, which))
     faults = check_template(garment, body, given=body_axes, garment_given=axes, welding=welding)
     notes = refuse(faults, anyway=anyway)
     mesh = weld(garment).mesh if welding else garment

@@ -1,9 +1,10 @@
-"""Anyone's meshes: a moving garment on a moving body, from files a frame or point caches.
+"""Anyone's meshes: a moving garment on a moving body, from files a frame, point caches, or Alembic or USD files.
 
 A clip's folder holds `garment` and `body`, each as a folder of OBJ or PLY frames, as frames beside each other
-(`garment_0000.obj`, `body_0000.obj`; what `imgtransfer export` writes), or as a point cache (`garment.pc2`,
-`.mdd`, `.pc16`). In it, or in the folder above, are `template` and `body_rest` (OBJ, PLY, GLB or STL): both in
-the body's rest pose. Without them the first frame is the rest pose.
+(`garment_0000.obj`, `body_0000.obj`; what `imgtransfer export` writes), as a point cache (`garment.pc2`,
+`.mdd`, `.pc16`), or as an Alembic or USD file (`garment.abc`, `.usd`). In it, or in the folder above, are
+`template` and `body_rest`: both in the body's rest pose. Without them the first frame is the rest pose. One
+Alembic or USD file with both meshes is a clip, too.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from imgtransfer.importers.summary import (
 )
 from render import InputError, MeshSequence, Option
 from render.files.naming import natural_sort
+from render.files.scenes.reader import is_scene
 
 _log = logging.getLogger(__name__)
 
@@ -55,7 +57,11 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
         inner = [entry for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
         several = moving_in(path, "body") is None and any(moving_in(entry, "body") for entry in inner)
         folders += inner if several else [path]
-    return [job_of(folder.resolve().name, find_source(folder, options), options) for folder in folders]
+    return [job_of(_clip_name(folder), find_source(folder, options), options) for folder in folders]
+
+
+def _clip_name(source: Path) -> str:
+    return source.stem if is_scene(source) else source.resolve().name
 
 
 def job_of(name: str, source: Source, options: ImportOptions) -> Job:
@@ -100,8 +106,11 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Me
     """Garment and body with their rest pose and first frames; `check` them, and print what does not stop the work."""
     garment_axes = options.garment_axes or options.axes
     motion = options.motion_axes
-    garment = open_in_metres(source.garment, "garment", garment_axes, source.template, motion=motion)
-    body = open_in_metres(source.body, "body", options.axes, source.body_rest, motion=motion)
+    chosen = Option("garment_object", options.garment_object), Option("body_object", options.body_object)
+    garment = open_in_metres(
+        source.garment, "garment", garment_axes, source.template, motion=motion, which=chosen[0]
+    )
+    body = open_in_metres(source.body, "body", options.axes, source.body_rest, motion=motion, which=chosen[1])
     _check_lengths(garment, body)
     if check:
         found = check_template(

@@ -17,6 +17,7 @@ from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.running.fingerprint import files_fingerprint
 from imgtransfer.simulation.motion_config import SequenceFiles
 from render import InputError, Mesh, MeshSequence, Option
+from render.files.scenes.reader import is_scene
 from render.files.sequence import sequence_files
 from render.mesh.measures import edge_lengths
 
@@ -52,8 +53,10 @@ class BodySequence:
         Raises:
             InputError: files that cannot be read, or a rest pose that is not the frames' mesh.
         """
-        settings = self.settings
-        return open_in_metres(self.moving, "body", settings.axes, self.rest, motion=settings.motion_axes)
+        settings, which = self.settings, Option("body_object", self.settings.body_object)
+        return open_in_metres(
+            self.moving, "body", settings.axes, self.rest, motion=settings.motion_axes, which=which
+        )
 
     def count(self) -> int:
         """How many frames `read` will give.
@@ -91,7 +94,7 @@ class SampledBody:
 
 
 def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> BodySequence:
-    """The body in a clip's folder, with what is beside it (garment frames, a template) left alone.
+    """The body in a clip's folder or scene file, with what is beside it (garment frames, a template) left alone.
 
     Raises:
         InputError: no body in the folder, or frames that are missing or of several kinds.
@@ -100,7 +103,7 @@ def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> BodySequ
     moving, rest = find_body(folder, settings.body_rest)
     files = sequence_files(moving)
     content = files_fingerprint(files if rest is None else [*files, rest])
-    name = valid_clip_name("", folder.name).partition("/")[2]
+    name = valid_clip_name("", folder.stem if is_scene(folder) else folder.name).partition("/")[2]
     return BodySequence(name, moving, rest, settings, fps, content)
 
 

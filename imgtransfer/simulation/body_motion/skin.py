@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from imgtransfer.running.extras import optional
 from imgtransfer.simulation.config import SolverConfig
+from render.extras import optional
 from render.mesh.measures import face_areas
 
 _COVERED = 0.06  # metres between the cloth and the skin that it lies on, at most

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from imgtransfer.running.extras import optional
 from imgtransfer.simulation.cloth.descent import CONTACT_DAMPING, ClothDescent
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
+from render.extras import optional
 from render.mesh.measures import edge_lengths
 from render.mesh.mesh import Mesh
 

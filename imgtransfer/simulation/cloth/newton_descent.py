@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from imgtransfer.running.extras import optional
 from imgtransfer.simulation.cloth.descent import CONTACT_GAP
 from imgtransfer.simulation.config import ClothConfig
+from render.extras import optional
 
 
 class NewtonDescent:

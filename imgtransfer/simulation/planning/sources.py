@@ -14,11 +14,12 @@ from render import InputError
 from render.files.frame_files import FRAMES
 from render.files.naming import natural_sort
 from render.files.point_caches import SUFFIXES as CACHES
+from render.files.scenes.reader import is_scene
 
 _DATA_SETS = (".zarr",)  # with clips of many arrays, none of them a motion file
 _WANTED = (
     "wanted are motion files (npz in the style of AMASS, or BVH), or body mesh sequences: folders with body/ of OBJ or "
-    "PLY frames, body_0000.obj and so on, or body.pc2 (.mdd, .pc16)"
+    "PLY frames, body_0000.obj and so on, body.pc2 (.mdd, .pc16), body.abc or body.usd; or an Alembic or USD file"
 )
 
 
@@ -48,6 +49,9 @@ def sorted_sources(paths: Sequence[Path]) -> tuple[list[MotionFile], list[Path]]
     motions: list[MotionFile] = []
     sequences: list[Path] = []
     for path in paths:
+        if is_scene(path) and path.exists():
+            sequences.append(path)
+            continue
         if not path.is_dir():
             motions.append(MotionFile(_motion_file(path), _clip_name(Path(path.name)), listed=True))
             continue

@@ -1,4 +1,4 @@
-"""Packages that only some commands need, and that come with the extras of this package."""
+"""Packages that only some commands need, and that come with the extras of imgtransfer."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import importlib
 from importlib.util import find_spec
 from typing import Any
 
-from render import InputError
+from render.errors import InputError
 
 
 def optional(package: str, extra: str, purpose: str) -> Any:
