@@ -1,6 +1,10 @@
 from .clearance import Clearance as Clearance
 from .clearance import clear_body as clear_body
 from .clearance import lift_clear as lift_clear
+from .crossings import Crossings as Crossings
+from .crossings import EdgeCrossings as EdgeCrossings
+from .crossings import edges_through_faces as edges_through_faces
+from .crossings import edges_through_own_faces as edges_through_own_faces
 from .layers import MovingObstacle as MovingObstacle
 from .layers import Obstacles as Obstacles
 from .layers import OuterSurface as OuterSurface

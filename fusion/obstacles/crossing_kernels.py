@@ -1,0 +1,96 @@
+"""Warp kernels of `crossings`; apart from it, because defining them imports Warp."""
+
+# mypy: ignore-errors
+# ruff: noqa: UP018, RUF046, SIM102, PLR0917
+# Kernels are written in Warp's own language: its annotations are no Python types; int(0) makes a variable where 0 were
+# a constant; both sides of an `and` are computed; arguments go by position.
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def corner(mesh: wp.uint64, place: int):
+    """A corner of a face in float64, in which differences of float32 coordinates and their products are all but exact.
+
+    `place` is 3 · face + 0, 1 or 2.
+    """
+    return wp.vec3d(wp.mesh_get_point(mesh, place))
+
+
+@wp.func
+def around_side(a: wp.vec3d, b: wp.vec3d, p: wp.vec3d, q: wp.vec3d, turned: bool):
+    """Six times the volume of a, b and the side p q of a face.
+
+    Both faces of a side compute it from the same end, so that they get the same rounding with opposite signs, and no
+    edge slips between them: `turned` says that q is that end.
+    """
+    volume = wp.dot(wp.cross(p - a, q - a), b - a)
+    if turned:
+        volume = -wp.dot(wp.cross(q - a, p - a), b - a)
+    return volume
+
+
+@wp.func
+def passes(a: wp.vec3d, b: wp.vec3d, mesh: wp.uint64, face: int):
+    """Whether the edge a b passes through the face: see `fusion.obstacles.crossings` for the rule."""
+    zero = wp.float64(0.0)
+    p = corner(mesh, 3 * face)
+    q = corner(mesh, 3 * face + 1)
+    r = corner(mesh, 3 * face + 2)
+    normal = wp.cross(q - p, r - p)
+    first = wp.dot(normal, a - p)
+    last = wp.dot(normal, b - p)
+    through = bool(False)
+    if (first < zero and last > zero) or (first > zero and last < zero):
+        i = wp.mesh_get_index(mesh, 3 * face)
+        j = wp.mesh_get_index(mesh, 3 * face + 1)
+        k = wp.mesh_get_index(mesh, 3 * face + 2)
+        s = around_side(a, b, p, q, i > j)
+        t = around_side(a, b, q, r, j > k)
+        u = around_side(a, b, r, p, k > i)
+        through = (s >= zero and t >= zero and u >= zero) or (s <= zero and t <= zero and u <= zero)
+    return through
+
+
+@wp.func
+def belongs(mesh: wp.uint64, face: int, vertex: int):
+    """Whether a vertex is a corner of the face."""
+    i = wp.mesh_get_index(mesh, 3 * face)
+    j = wp.mesh_get_index(mesh, 3 * face + 1)
+    k = wp.mesh_get_index(mesh, 3 * face + 2)
+    return vertex == i or vertex == j or vertex == k  # noqa: PLR1714 (Warp knows no `in`)
+
+
+@wp.kernel
+def passed_faces(
+    meshes: wp.array(dtype=wp.uint64),
+    per_pose: int,
+    starts: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=int),
+    ends: wp.array2d(dtype=float),
+    own: wp.array2d(dtype=int),
+    places: wp.array(dtype=int),
+    counts: wp.array(dtype=int),
+):
+    """How many faces each edge passes through; with places (not -1) also which, written to `faces` from there on.
+
+    `own` are the edge's vertices where the mesh is the edge's own, whose faces around them do not count; -1 elsewhere.
+    """
+    row = wp.tid()
+    mesh = meshes[row / per_pose]
+    start = starts[row]
+    end = wp.vec3(ends[row, 0], ends[row, 1], ends[row, 2])
+    a = wp.vec3d(start)
+    b = wp.vec3d(end)
+    count = int(0)
+    face = int(0)
+    query = wp.mesh_query_aabb(mesh, wp.min(start, end), wp.max(start, end))
+    while wp.mesh_query_aabb_next(query, face):
+        if not (belongs(mesh, face, own[row, 0]) or belongs(mesh, face, own[row, 1])):
+            if passes(a, b, mesh, face):
+                if places[row] >= 0:
+                    faces[places[row] + count] = face
+                count += 1
+    counts[row] = count
