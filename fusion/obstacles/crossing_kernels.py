@@ -77,8 +77,11 @@ def passed_faces(
     """How many faces each edge passes through; with places (not -1) also which, written to `faces` from there on.
 
     `own` are the edge's vertices where the mesh is the edge's own, whose faces around them do not count; -1 elsewhere.
+    Edges whose count is 0 already are passed over.
     """
     row = wp.tid()
+    if counts[row] == 0:
+        return
     mesh = meshes[row / per_pose]
     start = starts[row]
     end = wp.vec3(ends[row, 0], ends[row, 1], ends[row, 2])

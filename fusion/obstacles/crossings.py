@@ -17,9 +17,10 @@ import numpy as np
 import torch
 
 from fusion.obstacles.bvh import MeshBvh
+from fusion.parallel import one_torch_thread
 from render import InputError
 
-_ROWS = 1 << 19  # edges times frames looked at together; some 30 bytes each
+_ROWS = 1 << 17  # edges times frames looked at together; some 30 bytes each, and a tree a frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +101,14 @@ class EdgeCrossings:
         Raises:
             InputError: other shapes, or vertices that are not finite.
         """
+        with one_torch_thread():  # small steps; the kernels take the other threads
+            return self._query(vertices, vertices if surface is None else surface)
+
+    def _query(self, vertices: np.ndarray | torch.Tensor, surface: np.ndarray | torch.Tensor) -> Crossings:
         points = torch.as_tensor(vertices).detach()
         if points.ndim != 3 or points.shape[-1] != 3:
             raise InputError(f"vertices must have shape (frames, N, 3), found {tuple(points.shape)}")
-        posed = self._bvh.update(vertices if surface is None else surface)
+        posed = self._bvh.update(surface)
         if len(points) != len(posed):
             raise InputError(f"{len(points)} frames of edges, {len(posed)} of faces")
         points = points.to(posed.device, torch.float32)
@@ -121,8 +126,8 @@ class EdgeCrossings:
         from fusion.obstacles.crossing_kernels import passed_faces  # noqa: PLC0415 (heavy)
 
         device = starts.device
-        counts = torch.zeros(len(ends), dtype=torch.int32, device=device)
-        places = torch.full_like(counts, -1)
+        counts = torch.full((len(ends),), -1, dtype=torch.int32, device=device)
+        places = counts.clone()
         own = self._own.repeat(n_frames, 1)
         flat = self._bvh.points(starts)
         nowhere = torch.zeros(1, dtype=torch.int32, device=device)

@@ -89,7 +89,7 @@ def _clips(args: argparse.Namespace) -> None:
             try:
                 clip = ref.load()  # one at a time: all of a large data set would not fit
             except InputError as error:
-                rows.append([ref.name, one_line(ref.split or "-"), *["-"] * 6, "unreadable"])
+                rows.append([ref.name, one_line(ref.split or "-"), *["-"] * 8, "unreadable"])
                 unreadable.append(str(error))
                 continue
             rows.append(_row(clip, ref.split or "-"))
@@ -129,16 +129,18 @@ def _row(clip: Clip, split: str) -> list[str]:
 
     s = summarise(clip)
     median, worst = (f"{value:.2f}" for value in s.strain) if s.strain else ("-", "-")
-    inside = "-" if s.penetration is None else f"{s.penetration:.3f}"
+    percentages = [
+        "-" if value is None else f"{value:.3f}" for value in (s.penetration, s.crossing, s.self_crossing)
+    ]
     sizes = f"{s.garment_vertices}/{s.garment_faces}", f"{s.body_vertices}/{s.body_faces}"
-    return [clip.name, one_line(split), str(s.frames), f"{s.fps:g}", *sizes, median, worst, inside]
+    return [clip.name, one_line(split), str(s.frames), f"{s.fps:g}", *sizes, median, worst, *percentages]
 
 
 def _print_table(rows: list[list[str]]) -> None:
     from tabulate import tabulate  # noqa: PLC0415
 
-    strain = ("strain median %", "99th %")
-    headings = ["clip", "split", "frames", "fps", "garment v/f", "body v/f", *strain, "inside %"]
+    strain, percentages = ("strain median %", "99th %"), ("inside %", "crossing body %", "itself %")
+    headings = ["clip", "split", "frames", "fps", "garment v/f", "body v/f", *strain, *percentages]
     print(tabulate(rows, headers=headings, disable_numparse=True))
 
 

@@ -10,6 +10,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from fusion import BodySdf
+from fusion.obstacles import body_crossing_fractions, self_crossing_fractions
 from imgtransfer.data.clip import Clip
 from render import Mesh
 from render.mesh.measures import edge_lengths
@@ -21,6 +22,7 @@ _BLOCK = 64  # frames measured at once, which bounds memory
 STRETCHED = 0.6  # |l / l₀ - 1| at the 99th percentile of a frame's edges
 OVERSTRETCHED = 3.0  # |l / l₀ - 1| of any edge
 INSIDE_PERCENT = 2.0  # of the vertices, in one frame
+CROSSING_PERCENT = 1.0  # of the edges, in one frame
 FASTER_THAN_BODY = 4.0  # m/s
 SPIKE = 4.0  # times the median speed of the frames around, and
 SPIKE_SPEED = 1.5  # m/s more than it, and more than the body
@@ -52,6 +54,8 @@ class Inspection:
         speed: (T - 1, 2) m/s: of the fastest vertex of the garment and of the body, between frames.
         sampled: (S,) frames in which distances to the body were measured.
         inside: (S,) per cent of the vertices inside the body. farthest: (S,) metres to the body.
+        crossing: (S,) edges that pass through a face of the other, of garment and body, in per cent of the garment's.
+        self_crossing: (S,) per cent of the garment's edges that pass through its own faces.
         slid: (S,) metres, median change of the distance between vertices and the skin closest in the rest pose.
         jitter_mm: mean length of the second difference of the garment while the body rests; None where it never does.
         findings: what looks wrong, the gravest first.
@@ -67,6 +71,8 @@ class Inspection:
     sampled: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     inside: np.ndarray = field(default_factory=lambda: np.zeros(0))
     farthest: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    crossing: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    self_crossing: np.ndarray = field(default_factory=lambda: np.zeros(0))
     slid: np.ndarray = field(default_factory=lambda: np.zeros(0))
     jitter_mm: float | None = None
     findings: tuple[ClipFinding, ...] = ()
@@ -82,10 +88,13 @@ def inspect_clip(clip: Clip) -> Inspection:
     body = _speed(clip.body.vertices, clip.fps)
     sampled = np.unique(np.linspace(0, clip.n_frames - 1, SAMPLED_FRAMES).round().astype(int))
     inside, farthest, slid = _distances(clip, sampled)
+    cloth, skin, faces = clip.garment.vertices[sampled], clip.body.vertices[sampled], clip.template.faces
+    crossing = 100 * body_crossing_fractions(cloth, faces, skin, clip.body.faces)
     jitter, jittery = _jitter(clip.garment.vertices, body)
     findings = [
         *_strain_findings(strain),
         *_distance_findings(sampled, inside, farthest, slid),
+        *_crossing_findings(sampled, crossing),
         *_speed_findings(garment, body),
         *template,
     ]
@@ -103,6 +112,8 @@ def inspect_clip(clip: Clip) -> Inspection:
         speed=np.stack([garment, body], axis=-1),
         sampled=sampled,
         inside=inside,
+        crossing=crossing,
+        self_crossing=100 * self_crossing_fractions(cloth, faces),
         farthest=farthest,
         slid=slid,
         jitter_mm=jitter,
@@ -191,6 +202,16 @@ def _distance_findings(
         text = f"the garment reaches {farthest[worst]:.2f} m from the body in frame {frames[worst]}"
         findings.append(ClipFinding(f"{text}: it may have slipped off", int(frames[worst])))
     return findings
+
+
+def _crossing_findings(frames: np.ndarray, crossing: np.ndarray) -> list[ClipFinding]:
+    worst = int(crossing.argmax())
+    if crossing[worst] <= CROSSING_PERCENT:
+        return []
+    text = (
+        f"edges of cloth and body, {crossing[worst]:.1f} % of the garment's, pass through the other in frame"
+    )
+    return [ClipFinding(f"{text} {frames[worst]}", int(frames[worst]))]
 
 
 def _speed_findings(garment: np.ndarray, body: np.ndarray) -> list[ClipFinding]:

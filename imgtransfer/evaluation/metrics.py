@@ -9,11 +9,20 @@ import torch
 from scipy.spatial import cKDTree
 
 from fusion import BodySdf
+from fusion.obstacles import body_crossing_fractions, self_crossing_fractions
 from imgtransfer.evaluation.sted import sted
 from render import InputError, Mesh
 from render.threads import one_blas_thread
 
-METRICS = ("rmse_mm", "rms_mm", "hausdorff_mm", "sted", "penetration_percent")
+METRICS = (
+    "rmse_mm",
+    "rms_mm",
+    "hausdorff_mm",
+    "sted",
+    "penetration_percent",
+    "crossing_percent",
+    "self_crossing_percent",
+)
 
 
 @one_blas_thread()
@@ -24,7 +33,7 @@ def evaluate_clip(
     body_vertices: np.ndarray,
     body_faces: np.ndarray,
 ) -> dict[str, float]:
-    """All metrics of one clip (section 4.1 of the paper, and penetration).
+    """All metrics of one clip (section 4.1 of the paper, penetration and crossings).
 
     Args:
         predicted: (T, N, 3) garment vertices, metres.
@@ -39,6 +48,9 @@ def evaluate_clip(
         hausdorff_mm: mean over frames of the two-sided Hausdorff distance between the vertex sets.
         sted: spatio-temporal edge difference, see `imgtransfer.evaluation.sted`; no unit.
         penetration_percent: per cent of the garment vertices with negative distance to the body.
+        crossing_percent: garment edges that pass through the body's faces and body edges that pass through the
+            garment's, in per cent of the garment's edges, mean over frames.
+        self_crossing_percent: per cent of the garment edges that pass through its own faces.
 
     Raises:
         InputError: shapes that differ.
@@ -56,6 +68,8 @@ def evaluate_clip(
         1e3 * np.mean([vertex_hausdorff(a, b) for a, b in zip(predicted, truth, strict=True)]),
         sted(predicted, truth, Mesh(truth[0], faces, "garment").edges),
         penetration_percent(predicted, body_vertices, body_faces),
+        crossing_percent(predicted, faces, body_vertices, body_faces),
+        self_crossing_percent(predicted, faces),
     )
     return {name: float(value) for name, value in zip(METRICS, values, strict=True)}
 
@@ -74,6 +88,22 @@ def penetration_percent(vertices: np.ndarray, body_vertices: np.ndarray, body_fa
         nearest = body.query(torch.from_numpy(np.ascontiguousarray(points, np.float32)))
         inside += int((nearest.distance < 0).sum())
     return 100.0 * inside / (vertices.shape[0] * vertices.shape[1])
+
+
+def crossing_percent(
+    vertices: np.ndarray, faces: np.ndarray, body_vertices: np.ndarray, body_faces: np.ndarray
+) -> float:
+    """Edges that pass through a face of the other, of a garment (T, N, 3) and the body (T, B, 3) of its frames.
+
+    Returns:
+        Per cent of the garment's edges, mean over frames.
+    """
+    return 100.0 * float(body_crossing_fractions(vertices, faces, body_vertices, body_faces).mean())
+
+
+def self_crossing_percent(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Per cent of the edges of a garment (T, N, 3) that pass through its own faces, mean over frames."""
+    return 100.0 * float(self_crossing_fractions(vertices, faces).mean())
 
 
 def mean_over_frames(metrics: Iterable[tuple[Mapping[str, float], int]]) -> dict[str, float]:

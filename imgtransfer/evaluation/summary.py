@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imgtransfer.data.clip import Clip
-from imgtransfer.evaluation.metrics import penetration_percent
+from imgtransfer.evaluation.metrics import crossing_percent, penetration_percent, self_crossing_percent
 from render import InputError, Mesh
 from render.mesh.measures import edge_lengths
 
@@ -24,7 +24,8 @@ class ClipSummary:
         strain: median and 99th percentile of |l / l₀ − 1| over edges of the garment, l₀ being the template's,
             per cent; None without a garment.
         penetration: fraction of garment vertices inside the body, per cent; None without a garment.
-        sampled: frames that the last two were measured on, spread evenly.
+        crossing, self_crossing: `crossing_percent` and `self_crossing_percent` of the metrics; None without a garment.
+        sampled: frames that the last four were measured on, spread evenly.
     """
 
     name: str
@@ -36,6 +37,8 @@ class ClipSummary:
     body_faces: int
     strain: tuple[float, float] | None
     penetration: float | None
+    crossing: float | None
+    self_crossing: float | None
     sampled: int
 
 
@@ -46,12 +49,15 @@ def summarise(clip: Clip) -> ClipSummary:
         InputError: a template all of whose edges have length 0.
     """
     chosen = np.unique(np.linspace(0, clip.n_frames - 1, SAMPLED_FRAMES).round().astype(int))
-    strain = penetration = None
+    strain = penetration = crossing = self_crossing = None
     if clip.garment is not None:
         garment = clip.garment.vertices[chosen]
         stretched = np.abs(edge_strain(garment, clip.template.vertices, clip.template.faces))
         strain = 100 * float(np.median(stretched)), 100 * float(np.percentile(stretched, 99))
-        penetration = penetration_percent(garment, clip.body.vertices[chosen], clip.body.faces)
+        body, faces = clip.body.vertices[chosen], clip.template.faces
+        penetration = penetration_percent(garment, body, clip.body.faces)
+        crossing = crossing_percent(garment, faces, body, clip.body.faces)
+        self_crossing = self_crossing_percent(garment, faces)
     return ClipSummary(
         name=clip.name,
         frames=clip.n_frames,
@@ -62,6 +68,8 @@ def summarise(clip: Clip) -> ClipSummary:
         body_faces=len(clip.body.faces),
         strain=strain,
         penetration=penetration,
+        crossing=crossing,
+        self_crossing=self_crossing,
         sampled=len(chosen),
     )
 

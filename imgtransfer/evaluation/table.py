@@ -9,8 +9,16 @@ from tabulate import tabulate
 
 from imgtransfer.evaluation.metrics import METRICS
 
-HEADINGS = ("RMSE (mm)", "RMS (mm)", "Hausdorff (mm)", "STED", "inside body (%)")
-_FORMATS = (".2f", ".2f", ".2f", ".4f", ".3f")
+HEADINGS = (
+    "RMSE (mm)",
+    "RMS (mm)",
+    "Hausdorff (mm)",
+    "STED",
+    "inside body (%)",
+    "crossing body (%)",
+    "crossing itself (%)",
+)
+_FORMATS = (".2f", ".2f", ".2f", ".4f", ".3f", ".3f", ".3f")
 
 
 def metrics_table(rows: Mapping[str, Mapping[str, float]], *, first: str = "clip") -> str:
@@ -25,7 +33,7 @@ def metrics_table(rows: Mapping[str, Mapping[str, float]], *, first: str = "clip
     """
     body = [[name, *metric_cells(values)] for name, values in rows.items()]
     return tabulate(
-        body, headers=[first, *HEADINGS], disable_numparse=True, colalign=("left", *["right"] * 5)
+        body, headers=[first, *HEADINGS], disable_numparse=True, colalign=("left", *["right"] * len(HEADINGS))
     )
 
 

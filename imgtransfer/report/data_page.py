@@ -23,7 +23,19 @@ MANY = 60  # clips, from which on each gets fewer and smaller pictures
 _PICTURES, _PICTURES_OF_MANY = (8, (230, 165)), (5, (150, 108))  # frames, (height, width) of each in pixels
 _FLAGGED = 3  # frames with findings that are shown besides
 _JPEG_QUALITY = 82
-_HEADINGS = ("clip", "split", "frames", "fps", "garment", "strain 50 / 99 %", "m/s", "inside %", "to look at")
+_HEADINGS = (
+    "clip",
+    "split",
+    "frames",
+    "fps",
+    "garment",
+    "strain 50 / 99 %",
+    "m/s",
+    "inside %",
+    "crossing body %",
+    "itself %",
+    "to look at",
+)
 
 
 @dataclass(frozen=True)
@@ -152,12 +164,15 @@ def _speed_plot(measured: Inspection, flagged: Sequence[int]) -> str:
 
 
 def _cells(clip: Clip, measured: Inspection, split: str) -> tuple[str, ...]:
-    strain = speed = inside = "-"
+    strain = speed = inside = crossing = self_crossing = "-"
     if len(measured.strain):
         strain = f"{np.median(measured.strain[:, 0]):.1f} / {measured.strain[:, 1].max():.0f}"
         speed = f"{measured.speed[:, 0].max(initial=0.0):.1f}"
         inside = f"{measured.inside.max():.2f}"
+        crossing, self_crossing = (
+            f"{values.max():.2f}" for values in (measured.crossing, measured.self_crossing)
+        )
     garment = f"{len(clip.template.vertices):,}"
     frames = str(clip.n_frames)
     findings = str(len(measured.findings) or "")
-    return split, frames, f"{clip.fps:g}", garment, strain, speed, inside, findings
+    return split, frames, f"{clip.fps:g}", garment, strain, speed, inside, crossing, self_crossing, findings

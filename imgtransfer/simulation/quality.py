@@ -9,7 +9,7 @@ import torch
 from scipy.ndimage import median_filter
 
 from fusion import BodySdf
-from imgtransfer.simulation.cloth.self_contact import crossings
+from fusion.obstacles import body_crossing_fractions, self_crossing_fractions
 from imgtransfer.simulation.config import GateConfig
 from render.mesh.measures import area_fractions, edge_lengths
 from render.mesh.mesh import Mesh
@@ -34,7 +34,9 @@ class Quality:
         speed: m/s by which a vertex is faster than the body's fastest, in the worst frame.
         reach: metres to the body, of the farthest vertex.
         energy_spike: see `energy_spike`. jitter: see `jitter`.
-        crossing_percent: of the edges, passing through the cloth itself; mean over frames. No gate looks at it.
+        crossing_percent: edges of cloth and body that pass through faces of the other, after `push_out`, of the cloth's
+            edges; mean over frames.
+        self_crossing_percent: of the edges, passing through the cloth itself; mean over frames. No gate looks at it.
     """
 
     median_stretch: float
@@ -48,6 +50,7 @@ class Quality:
     energy_spike: float
     jitter: float
     crossing_percent: float
+    self_crossing_percent: float
 
     def as_text(self) -> str:
         """One line for logs."""
@@ -79,6 +82,7 @@ def measure(
     template: Mesh,
     vertices: np.ndarray,
     body: np.ndarray,
+    body_faces: np.ndarray,
     *,
     before: np.ndarray,
     after: np.ndarray,
@@ -87,7 +91,7 @@ def measure(
     """Measure a clip.
 
     Args:
-        template: the rest shape. vertices: (T, N, 3) metres. body: (T, B, 3).
+        template: the rest shape. vertices: (T, N, 3) metres. body: (T, B, 3). body_faces: (G, 3).
         before, after: (T, N) signed distances to the body before and after `push_out`.
     """
     if not np.isfinite(vertices).all():
@@ -108,7 +112,9 @@ def measure(
         reach=float(after.max()),
         energy_spike=energy_spike(template, vertices, fps),
         jitter=jitter(vertices, body, fps),
-        crossing_percent=float(100 * crossings(template, vertices).mean()),
+        crossing_percent=100
+        * float(body_crossing_fractions(vertices, template.faces, body, body_faces).mean()),
+        self_crossing_percent=100 * float(self_crossing_fractions(vertices, template.faces).mean()),
     )
 
 

@@ -120,14 +120,16 @@ def _checked(
     dressed: DressedBody, vertices: np.ndarray, moved: np.ndarray, fps: float
 ) -> tuple[np.ndarray, Quality]:
     """The vertices (T, N, 3) outside the body (T, B, 3) and on the grid, and how good they are."""
-    pattern = dressed.garment.mesh
+    pattern, faces = dressed.garment.mesh, dressed.faces
     if not np.isfinite(vertices).all():
-        return vertices, measure(pattern, vertices, moved, before=np.zeros(0), after=np.zeros(0), fps=fps)
-    sdf = BodySdf(dressed.faces, len(dressed.rest))
+        return vertices, measure(
+            pattern, vertices, moved, faces, before=np.zeros(0), after=np.zeros(0), fps=fps
+        )
+    sdf = BodySdf(faces, len(dressed.rest))
     pushed = []
     for cloth, skin in zip(vertices, moved, strict=True):
         sdf.update(skin)
         pushed.append(push_out(cloth, sdf))
     outside, before, after = (np.stack(values) for values in zip(*pushed, strict=True))
     outside = round_to_grid(outside)
-    return outside, measure(pattern, outside, moved, before=before, after=after, fps=fps)
+    return outside, measure(pattern, outside, moved, faces, before=before, after=after, fps=fps)

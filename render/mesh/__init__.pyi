@@ -6,6 +6,7 @@ from .measures import volume as volume
 from .mesh import Mesh as Mesh
 from .mesh import check_faces as check_faces
 from .mesh import check_finite as check_finite
+from .mesh import edges_of as edges_of
 from .mesh import zero_frame as zero_frame
 from .normals import VertexNormals as VertexNormals
 from .normals import safe_normalize as safe_normalize

@@ -45,9 +45,14 @@ class Mesh:
 
     @cached_property
     def edges(self) -> np.ndarray:
-        """(E, 2) int64, every undirected edge once, smaller index first, sorted."""
-        halves = np.sort(self.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        return np.unique(halves, axis=0)
+        """As `edges_of` the faces."""
+        return edges_of(self.faces)
+
+
+def edges_of(faces: np.ndarray) -> np.ndarray:
+    """(E, 2), every undirected edge of faces (F, 3) once, smaller index first, sorted."""
+    halves = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return np.unique(halves, axis=0)
 
 
 def check_faces(faces: np.ndarray, n_vertices: int, source: str) -> None:

@@ -278,16 +278,3 @@ def find_tangles(
     if _crosses(edge, touch.faces, cloth, position):
         touch.tangled[edge[0]] = 1
         touch.tangled[edge[1]] = 1
-
-
-@wp.kernel
-def find_crossings(
-    edges: wp.array(dtype=wp.vec2i),
-    faces: wp.array(dtype=wp.vec3i),
-    cloth: wp.uint64,
-    position: wp.array(dtype=wp.vec3),
-    crossing: wp.array(dtype=int),
-):
-    """Whether each edge passes through the cloth, 1 or 0."""
-    e = wp.tid()
-    crossing[e] = wp.where(_crosses(edges[e], faces, cloth, position), 1, 0)

@@ -135,6 +135,46 @@ def test_faces_around_an_edge_do_not_count_for_it_in_its_own_mesh():
     assert mesh.edges[found.edge.numpy()].tolist() == [[3, 4]]
 
 
+FLAT = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+PAIR_FACES = np.array([[0, 1, 2], [3, 4, 5]])
+
+
+def crossing_pairs(second):
+    """The edges of the flat triangle and of a second one that cross the other, as pairs of vertices."""
+    points = np.array(FLAT + second, float)
+    mesh = Mesh(points, PAIR_FACES)
+    marks = edges_through_own_faces(points[None], mesh.edges, mesh.faces).marks().numpy()
+    assert marks.shape == (1, 6)
+    return {tuple(edge) for edge in mesh.edges[marks[0]].tolist()}
+
+
+@pytest.mark.parametrize(("second", "wanted"), [
+    ([[0.2, 0.2, -1], [0.3, 0.2, 1], [0.2, 0.3, 1]], {(3, 4), (3, 5)}),  # a tip through the middle
+    ([[0.2, 0.2, -1], [0.2, 0.2, 1], [3, 3, 1]], {(3, 4), (1, 2)}),  # each one's edge through the other
+    ([[0.2, 0.2, 0.1], [0.3, 0.2, 1], [0.2, 0.3, 1]], set()),  # above it
+    ([[2, 2, -1], [2.1, 2, 1], [2, 2.1, 1]], set()),  # through its plane only
+    ([[0.6, 0.6, -1], [0.7, 0.6, 1], [0.6, 0.7, 1]], set()),  # beside each of its three sides
+    ([[-0.6, 0.3, -1], [0.1, 0.3, 1], [0.0, 0.4, 1]], set()),
+    ([[0.3, -0.6, -1], [0.3, 0.1, 1], [0.4, 0.0, 1]], set()),
+    ([[0.2, 0.2, 0], [0.4, 0.2, 0], [0.2, 0.4, 0]], set()),  # in its plane
+    ([[0.2, 0.2, 0], [0.3, 0.2, 1], [0.2, 0.3, 1]], set()),  # a tip that only touches
+    ([[0.3, 0.3, -1], [0.3, 0.3, -1], [0.3, 0.3, 1]], {(3, 5), (4, 5)}),  # a triangle that is a line still pierces
+])  # fmt: skip
+def test_pairs_of_triangles_by_hand(second, wanted):
+    assert crossing_pairs(second) == wanted
+
+
+def test_each_frame_is_looked_at_by_itself_and_rigid_motion_changes_nothing():
+    through, above = ([[0.2, 0.2, low], [0.3, 0.2, low + 1], [0.2, 0.3, low + 1]] for low in (-0.5, 0.5))
+    mesh = Mesh(np.array(FLAT + above, float), PAIR_FACES)
+    turn = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
+    frames = np.array([FLAT + above, FLAT + through, FLAT + above])
+    frames = np.concatenate([frames, frames[1:2] @ turn.T + [3.0, -2.0, 1.0]])
+    marks = edges_through_own_faces(frames, mesh.edges, mesh.faces).marks().numpy()
+    assert marks.any(axis=1).tolist() == [False, True, False, True]
+    assert np.array_equal(marks[1], marks[3])
+
+
 def test_openings_let_pass_what_walls_do_not():
     """A closed ball half inside an open tube, through whose end it looks, and then moved into its wall."""
     sleeve, ball = tube(), sphere(0.08, around=12, along=7)

@@ -174,7 +174,7 @@ def test_evaluate_pairs_two_files_and_shows_a_table(
     assert main(["evaluate", f"{tmp_path}/mine.npz", "--truth", f"{tmp_path}/in/tube_bend.npz"]) == 0
     table = capsys.readouterr().out.splitlines()
     assert table[0].split()[0] == "clip"
-    assert table[-1].split() == ["overall", "0.00", "0.00", "0.00", "0.0000", "0.000"]
+    assert table[-1].split() == ["overall", "0.00", "0.00", "0.00", "0.0000", "0.000", "0.000", "0.000"]
     assert data.exists()
 
 

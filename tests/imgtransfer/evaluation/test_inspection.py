@@ -40,6 +40,8 @@ def test_a_good_clip_has_no_findings(clip: Clip) -> None:
     assert found.speed.shape == (FRAMES - 1, 2)
     assert len(found.sampled) == len(found.inside) == len(found.farthest) == len(found.slid) == 24
     assert found.inside.max() == 0
+    assert len(found.crossing) == len(found.self_crossing) == 24
+    assert found.crossing.max() == found.self_crossing.max() == 0
 
 
 def test_measures_by_hand(clip: Clip) -> None:
@@ -76,6 +78,10 @@ def sink(garment: np.ndarray) -> None:
     garment[FAULTY:] = middle + (garment[FAULTY:] - middle) * np.float32([0.6, 1, 0.6])
 
 
+def lean(garment: np.ndarray) -> None:
+    garment[FAULTY:] += np.float32([0.06, 0, 0])
+
+
 def slide(garment: np.ndarray) -> None:
     garment[:, :, 1] -= np.linspace(0, 0.45, FRAMES, dtype=np.float32)[:, None]
 
@@ -89,6 +95,7 @@ FAULTS = {
     stretch: r"1 % of the edges are stretched or pressed by more than \d+ % in frame 20",
     one_edge: r"an edge is [\d.]+ times as long in frame 20",
     sink: r"[\d.]+ % of the vertices are inside the body in frame",
+    lean: r"edges of cloth and body, [\d.]+ % of the garment's, pass through the other in frame",
     slide: r"the garment has slid: half of it by more than 0.\d\d m in frame 39",
     freeze: "1 frames repeat the garment of the frame before",
 }

@@ -10,7 +10,14 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
-from imgtransfer.evaluation.metrics import METRICS, evaluate_clip, mean_over_frames, vertex_hausdorff
+from imgtransfer.evaluation.metrics import (
+    METRICS,
+    crossing_percent,
+    evaluate_clip,
+    mean_over_frames,
+    self_crossing_percent,
+    vertex_hausdorff,
+)
 from imgtransfer.evaluation.sted import TEMPORAL_WEIGHT, sted, sted_spatial, sted_temporal
 from imgtransfer.evaluation.table import metrics_json, metrics_table
 from render import InputError, Mesh
@@ -64,6 +71,45 @@ def test_a_sphere_inside_a_sphere() -> None:
     assert found["sted"] == pytest.approx(0.0, abs=1e-6)  # all edges shrink by the same share
     outside = evaluate_clip(outer[None], outer[None], faces, inner[None], faces)
     assert outside["penetration_percent"] == 0.0
+
+
+def test_a_knee_that_comes_through_one_cloth_face_crosses_though_no_vertex_is_inside() -> None:
+    """A tetrahedron's tip through the left of two faces: three body edges, and no garment edge or vertex."""
+    square = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], np.float32)
+    faces = np.array([[0, 2, 1], [0, 3, 2]])
+    knee = np.array([[-0.5, 0.2, 0.5], [-0.6, -1, 0.5], [-0.5, -1, 0.6], [-0.4, -1, 0.4]], np.float32)
+    knee_faces = np.array([[1, 3, 2], [0, 1, 2], [0, 2, 3], [0, 3, 1]])
+    apart = square + np.float32([0, 1, 0])
+    frames, body = np.stack([square, apart]), np.stack([knee] * 2)
+    values = evaluate_clip(frames, frames, faces, body, knee_faces)
+    assert values["penetration_percent"] == 0
+    assert values["crossing_percent"] == pytest.approx(100 * 3 / 5 / 2)  # of five edges, in one of two frames
+    assert values["self_crossing_percent"] == 0
+
+
+def test_edges_of_both_count_over_those_of_the_garment() -> None:
+    """A garment edge through a body face, and a body edge through a garment face, of five garment edges."""
+    square = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], np.float32)
+    faces = np.array([[0, 2, 1], [0, 3, 2]])
+    # An upright triangle that enters the square from beside: its lower side stays under it, one of its others crosses.
+    fin = np.array([[0.5, -0.5, -0.5], [0.5, 0.5, -0.5], [5, 0.1, -0.5]], np.float32)
+    values = crossing_percent(square[None], faces, fin[None], np.array([[0, 1, 2]]))
+    assert values == pytest.approx(100 * 2 / 5)
+
+
+def test_a_body_that_fills_an_open_garment_and_its_openings_does_not_cross(tube_clip: Clip) -> None:
+    body, faces = tube_clip.body, tube_clip.template.faces
+    assert np.ptp(body.vertices[0, :, 1]) > np.ptp(tube_clip.garment.vertices[0, :, 1])  # through both ends
+    assert crossing_percent(tube_clip.garment.vertices, faces, body.vertices, body.faces) == 0
+    wide = body.vertices.copy()
+    wide[..., 0] *= 2
+    assert crossing_percent(tube_clip.garment.vertices, faces, wide, body.faces) > 1
+
+
+def test_cloth_through_itself_counts_edges_of_its_own() -> None:
+    flat, upright = TRIANGLE[0] / 4, np.array([[0.2, 0.2, -1], [0.3, 0.2, 1], [0.2, 0.3, 1]])
+    vertices, faces = np.concatenate([flat, upright])[None], np.array([[0, 1, 2], [3, 4, 5]])
+    assert self_crossing_percent(vertices, faces) == pytest.approx(100 * 2 / 6)
 
 
 def test_hausdorff_is_two_sided() -> None:
@@ -175,7 +221,7 @@ def test_the_overall_mean_counts_frames() -> None:
 
 
 def test_table_and_json() -> None:
-    values = dict(zip(METRICS, (12.346, 13.0, 40.0, 0.0567, 0.25), strict=True))
+    values = dict(zip(METRICS, (12.346, 13.0, 40.0, 0.0567, 0.25, 0.5, 0.125), strict=True))
     table = metrics_table({"tube/bend": values, "overall": values})
     assert "12.35" in table
     assert "0.0567" in table

@@ -63,6 +63,16 @@ def test_penetration_is_the_part_of_vertices_inside_the_body(tube_clip: Clip) ->
     assert summarise(tube_clip.with_garment(vertices)).penetration == pytest.approx(25)
 
 
+def test_crossings_are_means_over_the_frames(tube_clip: Clip) -> None:
+    assert (summarise(tube_clip).crossing, summarise(tube_clip).self_crossing) == (0, 0)
+    aside = tube_clip.garment.vertices.copy()
+    aside[:3, :, 0] += 0.1  # three of six frames
+    all_six = summarise(tube_clip.with_garment(aside)).crossing
+    three = summarise(tube_clip.with_garment(aside).slice(slice(0, 3))).crossing
+    assert all_six > 1
+    assert three == pytest.approx(2 * all_six)
+
+
 def test_sizes_and_names(tube_clip: Clip) -> None:
     summary = summarise(tube_clip)
     assert (summary.name, summary.frames, summary.fps) == ("tube/bend", 6, 30.0)
@@ -90,3 +100,4 @@ def test_short_clips_count_every_frame_once(tube_clip: Clip, frames: int) -> Non
 def test_a_clip_without_a_garment_has_no_strain(tube_clip: Clip) -> None:
     summary = summarise(replace(tube_clip, garment=None))
     assert (summary.strain, summary.penetration) == (None, None)
+    assert (summary.crossing, summary.self_crossing) == (None, None)

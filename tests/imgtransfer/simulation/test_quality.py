@@ -21,7 +21,7 @@ def quality_of(frames, body=None, before=None, after=None, fps=30.0):
     body = np.tile(CORNERS, (len(frames), 1, 1)) if body is None else body
     outside = np.full(frames.shape[:2], 0.1)
     return measure(
-        SHEET, frames, body, before=outside if before is None else before, after=outside if after is None else after,
+        SHEET, frames, body, FACES, before=outside if before is None else before, after=outside if after is None else after,
         fps=fps,
     )  # fmt: skip
 
@@ -71,6 +71,18 @@ def test_sunk_and_penetrating_shares_and_reach():
     assert quality.reach == pytest.approx(0.4)
     assert {fault.split()[0] for fault in faults(quality, GateConfig(reach=0.3))} == {"sunk_percent", "reach"}
     assert quality_of([SHEET.vertices] * 2, after=before).penetration_percent == pytest.approx(37.5)
+
+
+def test_a_corner_through_the_sheet_fails_though_no_vertex_is_inside():
+    """The top corner of the octahedron through one face of the sheet, in one of two frames."""
+    through = SHEET.vertices - np.array([0.1, 0.2, 0.4])
+    quality = quality_of([SHEET.vertices, through])
+    assert quality.penetration_percent == 0
+    # Body: the edges from the top corner to -x, z and -z pass; +x leaves beside. Garment: none of its five.
+    assert quality.crossing_percent > 0
+    wrong = faults(quality, GateConfig(speed=1e9))
+    assert [fault.split()[0] for fault in wrong] == ["crossing_percent"]
+    assert quality_of([SHEET.vertices] * 2).crossing_percent == 0
 
 
 def test_an_exploded_clip_fails_every_gate():

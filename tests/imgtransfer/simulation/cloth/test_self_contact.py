@@ -5,9 +5,10 @@ import pytest
 import warp as wp
 from scipy.optimize import minimize
 
+from fusion.obstacles import edges_through_own_faces
 from imgtransfer.simulation.cloth.contact_kernels import closest_weights
 from imgtransfer.simulation.cloth.model import ClothOnBody
-from imgtransfer.simulation.cloth.self_contact import SelfContact, crossings
+from imgtransfer.simulation.cloth.self_contact import SelfContact
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
 from render.mesh.mesh import Mesh
 
@@ -159,7 +160,7 @@ def test_edges_that_pass_through_the_cloth_are_those_of_a_plain_loop():
                 wanted[[start, end]] = 1
     assert 0 < wanted.sum() < len(wanted)
     assert np.array_equal(tangled, wanted)
-    found = crossings(mesh, np.stack([mesh.vertices, placed]))
+    found = edges_through_own_faces(np.stack([mesh.vertices, placed]), mesh.edges, mesh.faces).marks().numpy()
     assert not found[0].any()  # apart, as at rest
     assert np.array_equal(np.unique(mesh.edges[found[1]]), np.flatnonzero(wanted))
 
@@ -194,56 +195,3 @@ def test_friction_between_layers_carries_the_lower_one_along():
             cloth.step(TETRAHEDRON + FAR, 1 / 600)
         speeds[friction] = cloth.velocities[:n, 0].mean()
     assert speeds[0.8] > speeds[0.0] + 0.05
-
-
-FLAT = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
-PAIR_FACES = np.array([[0, 1, 2], [3, 4, 5]])
-
-
-def crossing_pairs(second):
-    """The edges of the flat triangle and of a second one that cross the other, as pairs of vertices."""
-    points = np.array(FLAT + second, float)
-    mesh = Mesh(points, PAIR_FACES)
-    marks = crossings(mesh, points[None])
-    assert marks.shape == (1, 6)
-    return {tuple(edge) for edge in mesh.edges[marks[0]].tolist()}
-
-
-@pytest.mark.parametrize(("second", "wanted"), [
-    ([[0.2, 0.2, -1], [0.3, 0.2, 1], [0.2, 0.3, 1]], {(3, 4), (3, 5)}),  # a tip through the middle
-    ([[0.2, 0.2, -1], [0.2, 0.2, 1], [3, 3, 1]], {(3, 4), (1, 2)}),  # each one's edge through the other
-    ([[0.2, 0.2, 0.1], [0.3, 0.2, 1], [0.2, 0.3, 1]], set()),  # above it
-    ([[2, 2, -1], [2.1, 2, 1], [2, 2.1, 1]], set()),  # through its plane only
-    ([[0.6, 0.6, -1], [0.7, 0.6, 1], [0.6, 0.7, 1]], set()),  # beside each of its three sides
-    ([[-0.6, 0.3, -1], [0.1, 0.3, 1], [0.0, 0.4, 1]], set()),
-    ([[0.3, -0.6, -1], [0.3, 0.1, 1], [0.4, 0.0, 1]], set()),
-    ([[0.2, 0.2, 0], [0.4, 0.2, 0], [0.2, 0.4, 0]], set()),  # in its plane
-    ([[0.2, 0.2, 0], [0.3, 0.2, 1], [0.2, 0.3, 1]], set()),  # a tip that only touches
-    ([[0.3, 0.3, -1], [0.3, 0.3, -1], [0.3, 0.3, 1]], {(3, 5), (4, 5)}),  # a triangle that is a line still pierces
-])  # fmt: skip
-def test_pairs_of_triangles_by_hand(second, wanted):
-    assert crossing_pairs(second) == wanted
-
-
-def test_neighbours_in_a_corner_do_not_count():
-    points = np.array([*FLAT, [0.5, 0.2, -1], [0.5, 0.2, 1]], float)
-    mesh = Mesh(points, np.array([[0, 1, 2], [0, 3, 4]]))
-    marks = crossings(mesh, points[None])[0]
-    # The side opposite to the common corner passes through; the two that begin there do not.
-    assert mesh.edges[marks].tolist() == [[3, 4]]
-
-
-def test_each_frame_is_looked_at_by_itself_and_rigid_motion_changes_nothing():
-    through, above = ([[0.2, 0.2, low], [0.3, 0.2, low + 1], [0.2, 0.3, low + 1]] for low in (-0.5, 0.5))
-    mesh = Mesh(np.array(FLAT + above, float), PAIR_FACES)
-    turn = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
-    frames = np.array([FLAT + above, FLAT + through, FLAT + above])
-    frames = np.concatenate([frames, frames[1:2] @ turn.T + [3.0, -2.0, 1.0]])
-    marks = crossings(mesh, frames)
-    assert marks.any(axis=1).tolist() == [False, True, False, True]
-    assert np.array_equal(marks[1], marks[3])
-
-
-def test_no_frames_have_no_crossings():
-    mesh = Mesh(np.array(FLAT + FLAT, float) + np.arange(6)[:, None], PAIR_FACES)
-    assert crossings(mesh, np.zeros((0, 6, 3))).shape == (0, 6)
