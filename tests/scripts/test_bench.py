@@ -10,7 +10,17 @@ from collections.abc import Callable
 
 import pytest
 
-from scripts.bench import fusion, measuring, memory, reading, render, simulation, store, training
+from scripts.bench import (
+    fusion,
+    fusion_quality,
+    measuring,
+    memory,
+    reading,
+    render,
+    simulation,
+    store,
+    training,
+)
 from scripts.bench.measuring import Results, Timings, interleaved
 from tests.helpers.paths import ROOT
 
@@ -49,6 +59,26 @@ KEYS = {
                 "normal_degrees",
                 "loss_normal",
                 "exponent",
+            )
+        ),
+    },
+    "fusion_quality": {
+        "objective_ratio",
+        "rmse_ratio",
+        "cpu_speedup",
+        "speedup",
+        "tshirt_mm",
+        "tshirt_rest_mm",
+        *(
+            f"{solver}_{key}"
+            for solver in ("local_global", "adam")
+            for key in (
+                "objective",
+                "longest_edge",
+                "rmse_mm",
+                "normal_degrees",
+                "cpu_seconds",
+                "steps_normal",
             )
         ),
     },
@@ -99,6 +129,7 @@ KEYS = {
 BENCHES = {
     "render": render,
     "fusion": fusion,
+    "fusion_quality": fusion_quality,
     "memory": memory,
     "reading": reading,
     "simulation": simulation,

@@ -20,10 +20,9 @@ def quality_of(frames, body=None, before=None, after=None, fps=30.0):
     frames = np.asarray(frames, np.float64)
     body = np.tile(CORNERS, (len(frames), 1, 1)) if body is None else body
     outside = np.full(frames.shape[:2], 0.1)
-    return measure(
-        SHEET, frames, body, FACES, before=outside if before is None else before, after=outside if after is None else after,
-        fps=fps,
-    )  # fmt: skip
+    before = outside if before is None else before
+    after = outside if after is None else after
+    return measure(SHEET, frames, body, FACES, before=before, after=after, fps=fps)
 
 
 def test_a_sheet_at_rest_has_no_fault():
