@@ -78,9 +78,10 @@ def mesh_text(mesh: Mesh, joined: int | None = None) -> str:
 
 
 def size_text(mesh: Mesh) -> str:
-    """How large a mesh in our axes is."""
+    """How large a mesh in our axes is, and what of its file was not taken."""
     width, height, depth = np.ptp(used_part(mesh).vertices, axis=0)
-    return f"{height:.2f} m high, {width:.2f} m wide, {depth:.2f} m deep"
+    without = f"; not taken: {'; '.join(mesh.left_out)}" if mesh.left_out else ""
+    return f"{height:.2f} m high, {width:.2f} m wide, {depth:.2f} m deep{without}"
 
 
 def rate_text(given: float | None, of_files: float | None, assumed: float) -> str:

@@ -33,10 +33,10 @@ WRONG = (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionE
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """A glTF file: its header, and the bytes of its buffers."""
+    """A glTF file: its header, and the bytes of its buffers; None for one of which there is only a packed copy."""
 
     header: dict[str, Any]
-    buffers: list[bytes]
+    buffers: list[memoryview | None]
 
 
 def read_document(path: Path) -> Document:
@@ -46,13 +46,16 @@ def read_document(path: Path) -> Document:
         InputError: no glTF of version 2, a required extension that is not read, counts that the file has no room for,
             nodes in a circle, or buffers that are not there.
     """
-    content = path.read_bytes()
-    text, binary = (content, b"") if path.suffix.lower() == ".gltf" else _chunks(path, content)
+    content = memoryview(path.read_bytes())
+    text, binary = (content, None) if path.suffix.lower() == ".gltf" else _chunks(path, content)
     try:
-        header = json.loads(text)
+        header = json.loads(bytes(text))
         _check_extensions(path, header)
-        buffers = [_buffer(path, entry, binary) for entry in header.get("buffers", [])]
-        _check_counts(path, header, len(content) + sum(len(buffer) for buffer in buffers))
+        buffers = [
+            _buffer(path, entry, None if number else binary)
+            for number, entry in enumerate(header.get("buffers", []))
+        ]
+        _check_counts(path, header, len(content) + sum(len(buffer or b"") for buffer in buffers))
     except InputError:
         raise
     except WRONG as error:
@@ -60,13 +63,14 @@ def read_document(path: Path) -> Document:
     return Document(header, buffers)
 
 
-def _chunks(path: Path, content: bytes) -> tuple[bytes, bytes]:
-    if len(content) < 20 or content[:4] != b"glTF" or content[16:20] != b"JSON":
+def _chunks(path: Path, content: memoryview) -> tuple[memoryview, memoryview | None]:
+    """The header's text, and the binary chunk, where there is one."""
+    if len(content) < 20 or bytes(content[:4]) != b"glTF" or bytes(content[16:20]) != b"JSON":
         raise InputError(f"{path}: not a GLB file, which begins with glTF and its header")
     length = struct.unpack("<I", content[12:16])[0]
     rest = content[20 + length :]
-    if rest[4:8] != b"BIN\0":
-        return content[20 : 20 + length], b""
+    if bytes(rest[4:8]) != b"BIN\0":
+        return content[20 : 20 + length], None
     return content[20 : 20 + length], rest[8 : 8 + struct.unpack("<I", rest[:4])[0]]
 
 
@@ -80,13 +84,20 @@ def _check_extensions(path: Path, header: dict[str, Any]) -> None:
         )
 
 
-def _buffer(path: Path, entry: dict[str, Any], binary: bytes) -> bytes:
+def _buffer(path: Path, entry: dict[str, Any], binary: memoryview | None) -> memoryview | None:
+    """The bytes of a buffer; None where only a packed copy is in the file.
+
+    Args:
+        binary: of the GLB, for its first buffer.
+    """
     uri = entry.get("uri")
     if uri is None:
-        content = binary
+        if any(isinstance(one, dict) and one.get("fallback") for one in entry.get("extensions", {}).values()):
+            return None
+        content = binary or memoryview(b"")
     elif uri.startswith("data:"):
         try:
-            content = base64.b64decode(uri.split(",", 1)[1], validate=True)
+            content = memoryview(base64.b64decode(uri.split(",", 1)[1], validate=True))
         except binascii.Error as error:
             raise InputError(f"{path}: cannot be read: an embedded buffer is no base64 ({error})") from None
     else:
@@ -96,7 +107,7 @@ def _buffer(path: Path, entry: dict[str, Any], binary: bytes) -> bytes:
             raise InputError(
                 f"{path}: its buffer '{uri}' cannot be read; it must be a file beside a .gltf, or inside a .glb"
             )
-        content = beside.read_bytes()
+        content = memoryview(beside.read_bytes())
     if len(content) < int(entry["byteLength"]):
         raise InputError(
             f"{path}: cannot be read: a buffer of {entry['byteLength']} bytes has only {len(content)}"

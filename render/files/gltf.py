@@ -6,36 +6,37 @@ where there is none. Facts of the format: glTF 2.0 specification, section 3.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import numpy as np
 
 from render.errors import InputError, said_by
 from render.files.glb import WRONG, Document, read_document
-from render.files.textures import with_full_paths
+from render.files.gltf_accessors import Accessors
+from render.files.gltf_left_out import TRIANGLES, left_out
+from render.files.gltf_materials import colour_texture, material_library
+from render.files.gltf_pose import joint_transforms, morphed, nodes_of_scene, skinned, world_transforms
+from render.mesh.mesh import Mesh
 from render.mesh.surface import Surface
 
-_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}
-_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_ALONE, _STRIP, _FAN = TRIANGLES
 _LARGEST_UV = 1e6  # repetitions of a texture
 
 
-def read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray, Surface | None]:
+def read_gltf(path: Path) -> Mesh:
     """Read a .glb or .gltf file: the meshes of its scene in the order of their nodes, in world coordinates.
 
-    Points and lines are passed over, as are skins, morph targets and animations. Primitives of a mesh that share their
-    places share vertices.
+    Skinned meshes stand as their joints do in the file, and morph targets have the weights that it gives them. The
+    mesh's `left_out` says what is not read. Primitives of a mesh that share their places share vertices.
 
     Returns:
-        Vertices (N, 3) float64, faces (F, 3) int64, and the surface where the file has texture coordinates or
-        materials: names and plain colours, and images that are files under the folder.
+        The mesh, with a surface where the file has texture coordinates or materials: names and plain colours, and
+        images that are files under the folder.
 
     Raises:
-        InputError: as `read_document` raises, or data that do not fit each other, are sparse or not there.
+        InputError: as `read_document` and `Mesh` raise, or data that do not fit each other, are sparse or not there.
     """
     document = read_document(path)
     try:
@@ -48,200 +49,155 @@ def read_gltf(path: Path) -> tuple[np.ndarray, np.ndarray, Surface | None]:
 
 @dataclass(eq=False)
 class _Parts:
-    """What nodes have placed so far."""
+    """What nodes have placed so far; a part of the faces, their texture corners and their material a primitive."""
 
-    count: int = 0
+    n_vertices: int = 0
+    n_uvs: int = 0
     vertices: list[np.ndarray] = field(default_factory=list)
     faces: list[np.ndarray] = field(default_factory=list)
     uvs: list[np.ndarray] = field(default_factory=list)
-    uv_faces: list[np.ndarray] = field(default_factory=list)
-    materials: list[np.ndarray] = field(default_factory=list)
+    uv_faces: list[np.ndarray | None] = field(default_factory=list)
+    materials: list[int] = field(default_factory=list)
 
 
 class _Reader:
     def __init__(self, path: Path, document: Document) -> None:
-        self.path, self.header, self.buffers = path, document.header, document.buffers
+        self.path, self.header = path, document.header
+        self.accessors = Accessors(path, document)
+        self.nodes: list[dict[str, Any]] = self.header.get("nodes", [])
+        self.placed = world_transforms(self.nodes)
+        self.parts = _Parts()
 
-    def mesh(self) -> tuple[np.ndarray, np.ndarray, Surface | None]:
-        parts = _Parts()
-        nodes = self.header.get("nodes", [])
-        places = self._places(nodes)
-        for number, node in enumerate(nodes):
-            if number in places and "mesh" in node:
-                if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
-                    raise InputError(
-                        f"{self.path}: node {number} repeats its mesh by EXT_mesh_gpu_instancing, which is not read; "
-                        "export real copies"
-                    )
-                self._add(parts, self.header["meshes"][node["mesh"]], places[number])
-        vertices = np.concatenate([np.zeros((0, 3)), *parts.vertices])
-        faces = np.concatenate([np.zeros((0, 3), np.int64), *parts.faces])
-        return vertices, faces, self._surface(parts, faces, len(vertices))
+    def mesh(self) -> Mesh:
+        shown = set(range(len(self.nodes)))
+        if self.header.get("scenes"):
+            shown = nodes_of_scene(self.header, self.header.get("scene", 0))
+        for number in sorted(shown):
+            if "mesh" in self.nodes[number]:
+                self._add(number)
+        vertices = _joined(self.parts.vertices, np.zeros((0, 3)))
+        faces = _joined(self.parts.faces, np.zeros((0, 3), np.int64))
+        surface = self._surface(faces, len(vertices))
+        return Mesh(vertices, faces, str(self.path), surface, left_out=left_out(self.header, shown))
 
-    def _places(self, nodes: list[dict[str, Any]]) -> dict[int, np.ndarray]:
-        """The (4, 4) world transform of every node of the scene."""
-        scenes = self.header.get("scenes")
-        below = {int(child) for node in nodes for child in node.get("children", [])}
-        roots = [number for number in range(len(nodes)) if number not in below]
-        if scenes:
-            roots = scenes[self.header.get("scene", 0)].get("nodes", [])
-        places: dict[int, np.ndarray] = {}
-        waiting = [(int(root), np.eye(4)) for root in roots]
-        while waiting:
-            number, above = waiting.pop()
-            places[number] = above @ _transform(nodes[number])
-            waiting += [(int(child), places[number]) for child in nodes[number].get("children", [])]
-        return places
-
-    def _add(self, parts: _Parts, mesh: dict[str, Any], place: np.ndarray) -> None:
-        at: dict[int, int] = {}  # where the vertices of an accessor begin
-        for primitive in mesh["primitives"]:
-            mode, attributes = primitive.get("mode", _TRIANGLES), primitive["attributes"]
-            if mode not in (_TRIANGLES, _STRIP, _FAN) or "POSITION" not in attributes:
-                continue
-            position = attributes["POSITION"]
-            count = int(self.header["accessors"][position]["count"])
-            if position not in at:
-                at[position] = parts.count
-                parts.vertices.append(self._values(position, "VEC3") @ place[:3, :3].T + place[:3, 3])
-                parts.count += count
-            order = (
-                self._values(primitive["indices"], "SCALAR")[:, 0].astype(np.int64)
-                if "indices" in primitive
-                else np.arange(count)
+    def _add(self, number: int) -> None:
+        """Add the mesh of a node."""
+        node = self.nodes[number]
+        if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
+            raise InputError(
+                f"{self.path}: node {number} repeats its mesh by EXT_mesh_gpu_instancing, which is not read; "
+                "export real copies"
             )
-            if len(order) and order.max() >= count:
-                raise InputError(f"{self.path}: a primitive uses vertex {order.max()} of {count}")
-            corners = _triangles(order, mode)
-            if np.linalg.det(place[:3, :3]) < 0:  # mirrored: glTF turns the triangles round
-                corners = corners[:, ::-1]
-            parts.faces.append(corners + at[position])
-            parts.uv_faces.append(self._uv_faces(parts, primitive, corners, count))
-            parts.materials.append(np.full(len(corners), primitive.get("material", -1)))
+        mesh, place = self.header["meshes"][node["mesh"]], self.placed[number]
+        weights = node.get("weights", mesh.get("weights", []))
+        skin = None
+        if "skin" in node:
+            skin = joint_transforms(self.accessors, self.header["skins"][node["skin"]], self.placed)
+        begins: dict[object, int] = {}  # of the vertices that primitives share
+        for primitive in mesh["primitives"]:
+            mode, attributes = primitive.get("mode", _ALONE), primitive["attributes"]
+            if mode not in TRIANGLES or "POSITION" not in attributes:
+                continue
+            transforms = skin if "JOINTS_0" in attributes else None
+            key = _key(primitive)
+            if key not in begins:
+                begins[key] = self.parts.n_vertices
+                vertices = morphed(self.accessors, primitive, weights)
+                self.parts.n_vertices += len(vertices)
+                self.parts.vertices.append(self._in_world(vertices, attributes, place, transforms))
+            turned = np.linalg.det((place if transforms is None else transforms)[..., :3, :3]).sum() < 0
+            self._add_faces(primitive, mode, begins[key], turned=turned)
+
+    def _in_world(
+        self, vertices: np.ndarray, attributes: dict[str, int], place: np.ndarray, skin: np.ndarray | None
+    ) -> np.ndarray:
+        if skin is not None:
+            return skinned(self.accessors, attributes, vertices, skin)
+        if np.array_equal(place, np.eye(4)):
+            return vertices
+        vertices = vertices @ place[:3, :3].T
+        vertices += place[:3, 3]
+        return vertices
+
+    def _add_faces(self, primitive: dict[str, Any], mode: int, begin: int, *, turned: bool) -> None:
+        """Add the faces of a primitive whose vertices begin at a number; `turned` mirrors them, as glTF wants it."""
+        count = self.accessors.count(primitive["attributes"]["POSITION"])
+        if "indices" in primitive:
+            order = self.accessors.whole_numbers(primitive["indices"], "SCALAR")[:, 0]
+        else:
+            order = np.arange(count)
+        if len(order) and order.max() >= count:
+            raise InputError(f"{self.path}: a primitive uses vertex {order.max()} of {count}")
+        corners = _triangles(order, mode)
+        if turned:
+            corners = corners[:, ::-1]
+        faces = corners + begin if begin else corners
+        self.parts.faces.append(faces)
+        self.parts.uv_faces.append(self._uv_faces(primitive, corners, count, faces, begin))
+        self.parts.materials.append(int(primitive.get("material", -1)))
 
     def _uv_faces(
-        self, parts: _Parts, primitive: dict[str, Any], corners: np.ndarray, count: int
-    ) -> np.ndarray:
-        colour = self._colour_texture(primitive.get("material"))
+        self, primitive: dict[str, Any], corners: np.ndarray, count: int, faces: np.ndarray, begin: int
+    ) -> np.ndarray | None:
+        """The texture corners of a primitive; None where it has no texture coordinates."""
+        colour = colour_texture(self.header, primitive.get("material"))
         accessor = primitive["attributes"].get(f"TEXCOORD_{colour.get('texCoord', 0)}")
         if accessor is None:
-            return np.full_like(corners, -1)
-        uvs = self._values(accessor, "VEC2")
-        if len(uvs) != count or not (np.abs(uvs) <= _LARGEST_UV).all():
-            raise InputError(f"{self.path}: texture coordinates that are no numbers, or not one a vertex")
-        offset = sum(len(part) for part in parts.uvs)
-        parts.uvs.append(np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=-1))  # glTF counts from the image's top
-        return corners + offset
-
-    def _values(self, number: int, kind: str) -> np.ndarray:
-        """(count, width) float64 of an accessor."""
-        accessor = self.header["accessors"][number]
-        if "sparse" in accessor:
-            raise InputError(
-                f"{self.path}: accessor {number} is sparse, which is not read; export it in full"
-            )
-        if "bufferView" not in accessor:
-            used = ", ".join(self.header.get("extensionsUsed", [])) or "no extension"
-            raise InputError(f"{self.path}: accessor {number} has no data here (the file uses {used})")
-        if accessor["type"] != kind:
-            raise InputError(f"{self.path}: accessor {number} is {accessor['type']}, not {kind}")
-        view = self.header["bufferViews"][accessor["bufferView"]]
-        strange = [name for name in view.get("extensions", {}) if "compression" in name]
-        if strange:
-            raise InputError(
-                f"{self.path}: is compressed by {strange[0]}, which is not read; export it without"
-            )
-        dtype, width, count = (
-            np.dtype(_TYPES[accessor["componentType"]]),
-            _WIDTHS[kind],
-            int(accessor["count"]),
-        )
-        stride = int(view.get("byteStride") or dtype.itemsize * width)
-        start, length = int(view.get("byteOffset", 0)), int(view["byteLength"])
-        inside = int(accessor.get("byteOffset", 0))
-        buffer = self.buffers[view["buffer"]]
-        needed = inside + stride * (count - 1) + dtype.itemsize * width if count else 0
-        if min(start, inside, stride) < 0 or needed > length or start + length > len(buffer):
-            raise InputError(
-                f"{self.path}: accessor {number} reaches beyond its buffer: the file is cut or wrong"
-            )
-        if not count:
-            return np.zeros((0, width))
-        table = np.ndarray((count, width), dtype, buffer, start + inside, (stride, dtype.itemsize))
-        values = table.astype(np.float64)
-        if accessor.get("normalized", False):
-            values = np.maximum(values / np.iinfo(dtype).max, -1.0)
-        return values
-
-    def _colour_texture(self, material: int | None) -> dict[str, Any]:
-        described = {} if material is None else self.header["materials"][material]
-        texture: dict[str, Any] = described.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
-        return texture
-
-    def _surface(self, parts: _Parts, faces: np.ndarray, n_vertices: int) -> Surface | None:
-        numbers = np.concatenate([np.zeros(0, np.int64), *parts.materials])
-        if not len(faces) or not (parts.uvs or (numbers >= 0).any()):
             return None
-        used = [int(number) for number in dict.fromkeys(numbers.tolist())]  # in the order of their first use
-        names, mtl = self._materials(used)
-        return Surface(
-            faces,
-            np.arange(n_vertices),
-            uvs=np.concatenate(parts.uvs).astype(np.float32) if parts.uvs else None,
-            uv_faces=np.concatenate(parts.uv_faces) if parts.uvs else None,
-            face_materials=np.array([used.index(number) for number in numbers]) if mtl else None,
-            materials=names if mtl else (),
-            mtl=mtl,
-        )
+        uvs = self.accessors.values(accessor, "VEC2")
+        within = not uvs.size or (uvs.min() >= -_LARGEST_UV and uvs.max() <= _LARGEST_UV)  # NaN is neither
+        if len(uvs) != count or not within:
+            raise InputError(f"{self.path}: texture coordinates that are no numbers, or not one a vertex")
+        np.subtract(1, uvs[:, 1], out=uvs[:, 1])  # glTF counts from the image's top
+        offset = self.parts.n_uvs
+        self.parts.uvs.append(uvs)
+        self.parts.n_uvs += count
+        return faces if offset == begin else corners + offset
 
-    def _materials(self, used: list[int]) -> tuple[tuple[str, ...], str]:
-        """Names that differ, and the library; -1 is what has no material, and "" the library where nothing has one."""
-        if used == [-1]:
-            return (), ""
-        names, text = [], []
-        for number in used:
-            described = {} if number < 0 else self.header["materials"][number]
-            name = " ".join(str(described.get("name", "default" if number < 0 else "")).split())
-            name = name or f"material_{number}"
-            names.append(name if name not in names else f"{name}-{number}")
-            text.append(f"newmtl {names[-1]}\n")
-            if number >= 0:
-                text += self._look(described, number)
-        return tuple(names), with_full_paths("".join(text), self.path.parent)
-
-    def _look(self, described: dict[str, Any], number: int) -> list[str]:
-        *colour, opacity = map(
-            float, described.get("pbrMetallicRoughness", {}).get("baseColorFactor", [1] * 4)
-        )
-        lines = [f"Kd {' '.join(f'{value:.8g}' for value in colour)}\n", f"d {opacity:.8g}\n"]
-        texture = self._colour_texture(number).get("index")
-        source = None if texture is None else self.header["textures"][texture].get("source")
-        uri = None if source is None else self.header["images"][source].get("uri")
-        if uri is not None and not uri.startswith("data:"):
-            lines.append(f"map_Kd {' '.join(unquote(uri).splitlines())}\n")
-        return lines
+    def _surface(self, faces: np.ndarray, n_vertices: int) -> Surface | None:
+        parts = self.parts
+        counts = [len(part) for part in parts.faces]
+        used = list(dict.fromkeys(number for number, n in zip(parts.materials, counts, strict=True) if n))
+        if not len(faces) or not (parts.uvs or max(used) >= 0):
+            return None
+        names, mtl = material_library(self.header, used, self.path.parent)
+        surface = Surface(faces, np.arange(n_vertices))
+        if parts.uvs:
+            uv_faces = faces
+            if any(one is not two for one, two in zip(parts.uv_faces, parts.faces, strict=True)):
+                lacking = np.full((1, 3), -1)
+                filled = [
+                    np.broadcast_to(lacking, (n, 3)) if part is None else part
+                    for part, n in zip(parts.uv_faces, counts, strict=True)
+                ]
+                uv_faces = np.concatenate(filled)
+            uvs = _joined(parts.uvs, np.zeros((0, 2))).astype(np.float32)
+            surface = replace(surface, uvs=uvs, uv_faces=uv_faces)
+        if mtl:
+            numbers = [used.index(number) if number in used else 0 for number in parts.materials]
+            surface = replace(surface, face_materials=np.repeat(numbers, counts), materials=names, mtl=mtl)
+        return surface
 
 
-def _transform(node: dict[str, Any]) -> np.ndarray:
-    if "matrix" in node:
-        return np.array(node["matrix"], np.float64).reshape(4, 4).T  # stored by columns
-    x, y, z, w = (float(value) for value in node.get("rotation", (0, 0, 0, 1)))
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    placed = np.eye(4)
-    placed[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)), np.float64)
-    placed[:3, 3] = node.get("translation", (0, 0, 0))
-    return placed
+def _key(primitive: dict[str, Any]) -> object:
+    """What is the same for primitives of one mesh whose vertices are the same."""
+    attributes = {
+        name: number
+        for name, number in primitive["attributes"].items()
+        if name == "POSITION" or name.startswith(("JOINTS_", "WEIGHTS_"))
+    }
+    targets = [target.get("POSITION") for target in primitive.get("targets", [])]
+    return *sorted(attributes.items()), *targets
+
+
+def _joined(parts: list[np.ndarray], nothing: np.ndarray) -> np.ndarray:
+    """The parts one after the other; a single one without a copy."""
+    return parts[0] if len(parts) == 1 else np.concatenate([nothing, *parts])
 
 
 def _triangles(order: np.ndarray, mode: int) -> np.ndarray:
     """(F, 3) corners of triangles, of a strip, or of a fan."""
-    if mode == _TRIANGLES:
+    if mode == _ALONE:
         return order.reshape(-1, 3)
     count = max(len(order) - 2, 0)
     if mode == _FAN:

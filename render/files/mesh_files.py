@@ -35,6 +35,8 @@ def load_mesh(path: Path | str) -> Mesh:
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: a mesh must be one of {', '.join(SUFFIXES)}, found '{suffix}'")
     check_regular(path, "a mesh file")
+    if suffix in _GLTF:
+        return read_gltf(path)
     vertices, faces, surface = _READERS[suffix](path)
     return Mesh(vertices, faces, source=str(path), surface=surface)
 
@@ -52,5 +54,6 @@ def _read_stl(path: Path) -> tuple[np.ndarray, np.ndarray, Surface | None]:
     return vertices, merged.reshape(-1)[faces], None
 
 
-_READERS = {".obj": read_obj, ".ply": read_ply, ".glb": read_gltf, ".gltf": read_gltf, ".stl": _read_stl}
-SUFFIXES = tuple(_READERS)
+_READERS = {".obj": read_obj, ".ply": read_ply, ".stl": _read_stl}
+_GLTF = (".glb", ".gltf")
+SUFFIXES = (".obj", ".ply", *_GLTF, ".stl")

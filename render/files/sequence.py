@@ -16,11 +16,11 @@ from render.files.frame_files import frame_files, is_pattern
 from render.files.mesh_files import SUFFIXES as MESHES
 from render.files.mesh_files import load_mesh
 from render.files.npz import open_npz
+from render.files.obj_frames import vertices_and_rest
 from render.files.point_caches import SUFFIXES as CACHES
 from render.files.point_caches import open_cache
 from render.files.scenes.reader import SUFFIXES as SCENES
 from render.files.scenes.reader import is_scene, open_scene
-from render.limits import FARTHEST_IN_FILES
 from render.mesh.mesh import Mesh, check_faces, check_finite, zero_frame
 from render.mesh.sequence import MeshSequence
 from render.options import Option
@@ -119,7 +119,7 @@ def _of_files(source: Path, files: list[Path]) -> MeshSequence:
     first = load_mesh(files[0])
 
     def parts(count: int) -> Iterator[np.ndarray]:
-        connections = _vertices_and_rest(files[0])[1]
+        connections = vertices_and_rest(files[0])[1] if files[0].suffix.lower() == ".obj" else None
         for start in range(0, len(files), count):
             vertices = np.empty((min(count, len(files) - start), *first.vertices.shape), np.float32)
             for row, file in enumerate(files[start : start + count]):
@@ -127,17 +127,23 @@ def _of_files(source: Path, files: list[Path]) -> MeshSequence:
             yield vertices
 
     def read_frame(number: int) -> np.ndarray:
-        return _frame(files[number], first, "") if number else first.vertices
+        return _frame(files[number], first) if number else first.vertices
 
     names = [file.name for file in files]
     return MeshSequence(first, len(files), parts, str(source), frame_names=names, read_frame=read_frame)
 
 
-def _frame(file: Path, first: Mesh, connections: str) -> np.ndarray:
-    """(N, 3) vertices of a file that is known, or found, to be of the first one's mesh."""
-    moved, rest = _vertices_and_rest(file)
-    if moved is not None and moved.shape == first.vertices.shape and rest == connections:
-        return moved
+def _frame(file: Path, first: Mesh, connections: bytes | None = None) -> np.ndarray:
+    """(N, 3) vertices of a file that is known, or found, to be of the first one's mesh.
+
+    Args:
+        connections: the text of the first one but for its vertices, where it is an OBJ: the same text needs no reading.
+    """
+    if connections is not None:
+        check_regular(file, "a mesh file")
+        moved, rest = vertices_and_rest(file)
+        if moved is not None and moved.shape == first.vertices.shape and rest == connections:
+            return moved
     mesh = load_mesh(file)
     if len(mesh.vertices) != len(first.vertices):
         raise InputError(
@@ -150,25 +156,6 @@ def _frame(file: Path, first: Mesh, connections: str) -> np.ndarray:
             "the same vertex order"
         )
     return mesh.vertices
-
-
-def _vertices_and_rest(file: Path) -> tuple[np.ndarray | None, str]:
-    """The vertices (N, 3) of an OBJ, and the text of all else but normals and comments: the same in most frames.
-
-    Four times as fast as reading the triangles of every frame. Without vertices for what needs the whole reader: other
-    formats, and what it will refuse.
-    """
-    if file.suffix.lower() != ".obj":
-        return None, ""
-    check_regular(file, "a mesh file")
-    lines = file.read_text(errors="replace").splitlines()
-    places = [line.split()[1:4] for line in lines if line.startswith("v ")]
-    try:
-        vertices = np.array(places, np.float64)
-    except ValueError:
-        return None, ""
-    rest = "\n".join(line for line in lines if not line.startswith(("v ", "vn ", "#")))
-    return (vertices if (np.abs(vertices) <= FARTHEST_IN_FILES).all() else None), rest
 
 
 def _of_cache(source: Path, mesh: Mesh | None) -> MeshSequence:

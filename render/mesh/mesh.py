@@ -23,6 +23,7 @@ class Mesh:
         source: what error messages call it, usually the file name.
         surface: texture coordinates, materials and the file's numbering; None where nothing of it is known.
         axes: how the vertices lie where their file says so and they are as they are in it; else None.
+        left_out: what its file has beside it, or more than is taken, in words for summaries.
 
     Raises:
         InputError: no faces, wrong shapes, an index out of range, or a vertex that is not finite or beyond ±10⁹.
@@ -33,6 +34,7 @@ class Mesh:
     source: str = "mesh"
     surface: Surface | None = None
     axes: FileAxes | None = None
+    left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         vertices, faces = np.asarray(self.vertices, np.float64), np.asarray(self.faces)
@@ -63,12 +65,13 @@ def check_faces(faces: np.ndarray, n_vertices: int, source: str) -> None:
         )
     if len(faces) == 0:
         raise InputError(f"{source}: the mesh has no faces; a point cloud cannot be imaged")
+    if faces.min() >= 0 and faces.max() < n_vertices:
+        return
     bad = np.flatnonzero(((faces < 0) | (faces >= n_vertices)).any(axis=1))
-    if len(bad):
-        raise InputError(
-            f"{source}: face {bad[0]} uses vertices {faces[bad[0]].tolist()}, but only 0..{n_vertices - 1} "
-            f"exist ({len(bad)} of {len(faces)} faces are bad; OBJ files count from 1)"
-        )
+    raise InputError(
+        f"{source}: face {bad[0]} uses vertices {faces[bad[0]].tolist()}, but only 0..{n_vertices - 1} "
+        f"exist ({len(bad)} of {len(faces)} faces are bad; OBJ files count from 1)"
+    )
 
 
 def check_finite(

@@ -86,10 +86,11 @@ KEYS = {
     "reading": {
         *(f"{kind}_{key}" for kind in ("obj", "ply", "glb") for key in ("s", "trimesh_s")),
         *(f"ratio_{kind}_ours_to_fastest" for kind in ("obj", "ply", "glb")),
-        "sequence_frames_per_s",
-        "ratio_sequence_ours_to_trimesh",
-        "sequence_mb",
-        "ratio_sequence_mb_all_to_half",
+        *(f"{name}frames_per_s" for name in ("", "trimesh_", "meshio_", "plain_", "long_")),
+        *(f"ratio_ours_to_{name}" for name in ("trimesh", "meshio", "plain", "fastest")),
+        "short_mb",
+        "long_mb",
+        "ratio_long_to_short_mb",
     },
     "simulation": {
         "vertices",
@@ -138,7 +139,7 @@ BENCHES = {
 }
 
 
-SLOW = ("memory", "training")  # each starts processes that load everything anew
+SLOW = ("memory", "reading", "training")  # each starts processes that load everything anew
 
 
 @pytest.mark.parametrize(
