@@ -10,13 +10,13 @@ import numpy as np
 
 from imgtransfer.cli.mesh_options import check_axes_used, chosen_axes, chosen_motion_axes
 from imgtransfer.data.sequences import Kind, clip_reader
-from imgtransfer.importers.checks.axes import Axes, MotionAxes
+from imgtransfer.importers.checks.axes import Axes, InMetres, MotionAxes
 from imgtransfer.importers.checks.motion import note_motion
 from imgtransfer.importers.checks.weld import Welded, weld
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.pipeline.fuse import FuseInputs
 from imgtransfer.pipeline.pins import Pins, load_pins
-from render import InputError, MeshSequence, Option
+from render import InputError, Option
 from render.files.scenes.reader import is_scene
 from render.files.sequence import check_choice, is_cache, is_sequence, load_file
 
@@ -50,25 +50,19 @@ def given_files(args: argparse.Namespace) -> FuseInputs:
     which = {kind: Option(f"{kind}_object", getattr(args, f"{kind}_object")) for kind in _FILES}
     for kind, files in _FILES.items():
         check_choice(which[kind], *(path for file in files if (path := getattr(args, file)) is not None))
+    template = of_garment.of_mesh(load_file(args.template, which["garment"])) if args.template else None
+    opened = {
+        "initial": _open(args.initial, "garment", of_garment, motion, which["garment"], rest=moved),
+        "body": _open(args.body, "body", axes, motion, which["body"]),
+        "inner": _open(args.inner, "garment", of_garment, motion, which["inner"]),
+    }
     given = FuseInputs(
-        template=of_garment.of_mesh(load_file(args.template, which["garment"])) if args.template else None,
-        initial=_open(args.initial, "garment", of_garment, motion, which["garment"], rest=moved),
-        body=_open(args.body, "body", axes, motion, which["body"]),
+        template=template,
         clip=clip_reader(args.body) if arrays else None,
-        inner=_open(args.inner, "garment", of_garment, motion, which["inner"]),
         pins=load_pins(args.pins) if args.pins else None,
+        **{name: None if one is None else one.sequence for name, one in opened.items()},
     )
-    opened = (
-        (args.body, given.body, axes),
-        (args.initial, given.initial, of_garment),
-        (args.inner, given.inner, of_garment),
-    )
-    told = [
-        (moving, motion.beside(lay))
-        for path, moving, lay in opened
-        if moving is not None and is_sequence(path)
-    ]
-    note_motion([moving for moving, _ in told], [lay for _, lay in told])
+    note_motion([one for name in ("body", "initial", "inner") if (one := opened[name]) is not None])
     return _welded(given, args) if args.weld else given
 
 
@@ -80,7 +74,7 @@ def _open(
     which: Option,
     *,
     rest: Path | None = None,
-) -> MeshSequence | None:
+) -> InMetres | None:
     """A file's mesh in motion; what is chosen counts where the file has several."""
     if path is None:
         return None

@@ -209,10 +209,12 @@ def _cut(args: argparse.Namespace, scene: Scene) -> Scene:
 
 def _check_no_meshes(source: str) -> None:
     """Meshes without --template would be taken for a broken clip."""
-    from render.files.mesh_files import SUFFIXES  # noqa: PLC0415
+    from render.files.mesh_files import SUFFIXES as MESHES  # noqa: PLC0415
+    from render.files.point_caches import SUFFIXES as CACHES  # noqa: PLC0415
+    from render.files.scenes.reader import SUFFIXES as SCENES  # noqa: PLC0415
 
     path = Path(source)
     entries = [path, *(path.iterdir() if path.is_dir() else ())]
     suffixes = {entry.suffix.lower() for entry in entries}
-    if suffixes & set(SUFFIXES) and ".npz" not in suffixes:
+    if suffixes & {*MESHES, *CACHES, *SCENES} and ".npz" not in suffixes:
         raise InputError(f"{source}: meshes are rendered with --template FILE, the garment at rest")

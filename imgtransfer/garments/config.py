@@ -12,6 +12,7 @@ from imgtransfer.config.schema import DependsOn, Metres, Ratio, Section
 from imgtransfer.data.schema import valid_clip_name
 from imgtransfer.importers.checks.axes import UNITS, Axes, usual_facing
 from imgtransfer.running.fingerprint import files_fingerprint
+from render.files.scenes.reader import is_scene
 
 NAME = r"^[\w-][\w.-]*$"  # of a garment in a data set
 Detail = Literal["full", "small"]
@@ -194,4 +195,8 @@ GarmentConfig = Annotated[
 
 def garment_fingerprint(garment: GarmentConfig) -> str:
     """A text that changes with what a garment's own mesh file holds; "" for garments that the project makes."""
-    return files_fingerprint([garment.path]) if isinstance(garment, TemplateConfig) else ""
+    if not isinstance(garment, TemplateConfig):
+        return ""
+    content = files_fingerprint([garment.path])
+    # Such a file says how it lies, so that it matters whether `unit: m` was given or is the default.
+    return f"{content} {sorted(garment.axes.given)}" if is_scene(garment.path) else content

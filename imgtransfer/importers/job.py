@@ -17,6 +17,7 @@ from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
 from imgtransfer.importers.summary import Summary
 from imgtransfer.running.fingerprint import MADE, fingerprint, recorded
 from render import InputError
+from render.files.scenes.reader import is_scene
 from render.files.textures import change_paths
 
 
@@ -86,8 +87,12 @@ class Job:
         files = [
             (file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in self.files if file.is_file()
         ]
-        text = json.dumps([self.name, files, repr(replace(options, clips=None, split=None))])
-        return fingerprint([text])
+        told = [self.name, files, repr(replace(options, clips=None, split=None))]
+        if any(is_scene(file) for file in self.files):
+            # Such files say how they lie, so that it matters whether `--unit=m` was given or is the default.
+            axes = [lay for lay in (options.axes, options.garment_axes) if lay is not None]
+            told.append([sorted(lay.given) for lay in axes])
+        return fingerprint([json.dumps(told)])
 
 
 def chosen(jobs: Sequence[Job], options: ImportOptions, source: object) -> list[Job]:

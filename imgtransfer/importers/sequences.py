@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from imgtransfer.data.sequences import Kind, open_clip_arrays
-from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
+from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, InMetres, MotionAxes
 from imgtransfer.importers.checks.weld import Welded, weld, weld_motion
 from render import InputError, MeshSequence, Option
 from render.files.atomic import check_regular
@@ -25,7 +25,7 @@ def open_in_metres(
     *,
     motion: MotionAxes = AS_AT_REST,
     which: Option | None = None,
-) -> MeshSequence:
+) -> InMetres:
     """A garment or a body in motion; frames are read when their turn comes.
 
     Args:
@@ -52,12 +52,15 @@ def open_in_metres(
                     f"{path}: a point cache has no triangles; put the mesh that it moves beside it as {REST[kind]}.obj"
                 )
             resting = load_file(beside, which)
-        sequence = motion.beside(axes).of_sequence(open_sequence(path, resting, which))
+        opened = open_sequence(path, resting, which)
+        frames = motion.beside(axes).of_file(opened.mesh.axes)
+        sequence = frames.of_sequence(opened)
     else:
-        sequence = open_clip_arrays(path, kind)
+        frames, sequence = None, open_clip_arrays(path, kind)
     if resting is None:
-        return sequence
-    return sequence.at_rest(axes.of_mesh(resting), kind)
+        return InMetres(sequence, frames or Axes(), frames)
+    axes = axes.of_file(resting.axes)
+    return InMetres(sequence.at_rest(axes.of_mesh(resting), kind), axes, frames)
 
 
 def weld_sequence(sequence: MeshSequence, welded: Welded | None = None) -> MeshSequence:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from imgtransfer.data.clip import Clip
-from imgtransfer.importers.checks.axes import AS_AT_REST, UNITS, Axes, MotionAxes, guess_axes
+from imgtransfer.importers.checks.axes import UNITS, Axes, guess_axes
 from imgtransfer.importers.checks.topology import used_part
 from render import Mesh, MeshSequence, Option
 from render.errors import one_line
@@ -94,27 +94,39 @@ def rate_text(given: float | None, of_files: float | None, assumed: float) -> st
 
 
 def lying_facts(
-    body: Mesh | None, axes: Axes, garment_axes: Axes | None = None, motion_axes: MotionAxes = AS_AT_REST
+    body: Mesh | None, axes: Axes, others: Mapping[str, Axes | None] | None = None
 ) -> list[tuple[str, str]]:
-    """Units and axes, and whether they were given or assumed.
+    """Units and axes, and whether they were given, stand in the file or were assumed.
 
     Args:
         body: at rest, in our axes, whose shape may tell; None where there is none.
-        axes, garment_axes, motion_axes: as in `ImportOptions`.
+        axes: how its file lay. others: how others lay, by what they are called; told where it is otherwise.
     """
     guess = None if body is None else guess_axes(used_part(body).vertices @ axes.rotation)
+    by = _by(axes, {"up", "facing"}, assumed=(axes.up, axes.facing) == ("y", "z"))
     if guess is not None and (guess.up, guess.facing) == (axes.up, axes.facing):
-        by = "as the body's shape tells"
-    else:
-        by = "assumed" if (axes.up, axes.facing) == ("y", "z") else "given"
-        by += ": the body's shape does not tell" if body is not None and guess is None else ""
-    unit = "metres, assumed" if axes.scale == 1 else f"{_unit(axes.scale)}, given"
-    facts = [("units", unit), ("axes", f"{axes.up} up, facing {axes.facing}, {by}")]
-    if garment_axes is not None and garment_axes != axes:
-        facts.append(("garment in", f"{_lying(garment_axes)}, given"))
-    if motion_axes != AS_AT_REST:
-        facts.append(("frames in", f"{_lying(motion_axes.beside(axes))}, given"))
+        by = "from the file" if "up" in axes.said else "as the body's shape tells"
+    elif body is not None and guess is None:
+        by += ": the body's shape does not tell"
+    unit = "metres" if axes.scale == 1 else _unit(axes.scale)
+    facts = [
+        ("units", f"{unit}, {_by(axes, {'scale'}, assumed=axes.scale == 1)}"),
+        ("axes", f"{axes.up} up, facing {axes.facing}, {by}"),
+    ]
+    for name, lay in (others or {}).items():
+        if lay is not None and lay != axes:
+            text = f"{_unit(lay.scale)}, {lay.up} up, facing {lay.facing}"
+            facts.append((f"{name} in", f"{text}, {_by(lay, {'up', 'facing', 'scale'}, assumed=False)}"))
     return facts
+
+
+def _by(axes: Axes, what: set[str], *, assumed: bool) -> str:
+    """Who says how a file lies in what is asked for."""
+    if what & axes.given:
+        return "given"
+    if what & axes.said:
+        return "from the file"
+    return "assumed" if assumed else "given"
 
 
 def clip_summary(title: str, clip: Clip) -> Summary:
@@ -126,10 +138,6 @@ def clip_summary(title: str, clip: Clip) -> Summary:
         ("frames", f"{clip.n_frames} at {clip.fps:g} a second"),
     ]
     return Summary(title, tuple(facts))
-
-
-def _lying(axes: Axes) -> str:
-    return f"{_unit(axes.scale)}, {axes.up} up, facing {axes.facing}"
 
 
 def _unit(scale: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.importers.summary import mesh_text, motion_text, size_text
 from render import InputError, Mesh, MeshSequence, Option
 from render.files.frame_files import is_pattern
-from render.files.sequence import is_sequence
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +109,12 @@ def mesh_scene(
     moving = [open_in_metres(frames, "garment", garment_axes, template, motion=motion_axes, which=chosen[0])]
     if body is not None:
         moving.append(open_in_metres(body, "body", axes, body_template, motion=motion_axes, which=chosen[1]))
-    _check_frames([frames, body], moving, [garment_axes, axes], motion_axes)
-    taken = tuple(f"{motion_text(one)}; {mesh_text(one.mesh)}; {size_text(one.mesh)}" for one in moving)
-    total = sum(sequence.n_frames for sequence in moving)
+    note_motion(moving)
+    sequences = [one.sequence for one in moving]
+    taken = tuple(f"{motion_text(one)}; {mesh_text(one.mesh)}; {size_text(one.mesh)}" for one in sequences)
+    total = sum(sequence.n_frames for sequence in sequences)
     with tqdm(total=total, desc="read", unit="frame", leave=False, disable=None) as bar:
-        garment, *dressed = [(weld_sequence(one) if welding else one).loaded(bar.update) for one in moving]
+        garment, *dressed = [(weld_sequence(one) if welding else one).loaded(bar.update) for one in sequences]
     name = template.stem if frames.is_dir() or is_pattern(frames) else frames.stem
     if not dressed:
         if root is not None:
@@ -138,18 +137,3 @@ def mesh_scene(
         name=name,
     )
     return replace(clip_scene(clip, root or "heading"), taken=taken)
-
-
-def _check_frames(
-    files: Sequence[Path | None],
-    moving: Sequence[MeshSequence],
-    axes: Sequence[Axes],
-    motion_axes: MotionAxes,
-) -> None:
-    """Compare frames of mesh files with their rest meshes; arrays are in metres, y up, always."""
-    told = [
-        (sequence, motion_axes.beside(lay))
-        for path, sequence, lay in zip(files, moving, axes, strict=False)
-        if path is not None and is_sequence(path)
-    ]
-    note_motion([sequence for sequence, _ in told], [lay for _, lay in told])

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from render.errors import one_line
 from render.options import Option
 
 # Where parameter and flag have different names.
@@ -43,7 +44,9 @@ class _Lines(logging.Handler):
         from tqdm import tqdm  # noqa: PLC0415 (a program that has nothing to say does not wait for it)
 
         try:
-            tqdm.write(self.format(record), file=sys.stderr)
+            # Names of joints, files and materials in it may be anybody's.
+            shown = "\n".join(map(one_line, self.format(record).splitlines()))
+            tqdm.write(shown, file=sys.stderr)
             sys.stderr.flush()
         except Exception:
             self.handleError(record)

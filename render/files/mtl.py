@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from render.files.text_lines import as_text, plain_lines
-from render.files.textures import mtl_lines, path_tails, with_full_paths
+from render.files.textures import is_absolute, mtl_lines, path_tails, with_full_paths
 
 
 def library_text(folder: Path, named: list[bytes]) -> str:
     """The text of material libraries, with full paths to the textures in the mesh's folder; "" where all are missing.
 
-    Only files that are named as libraries are read: an OBJ file may name any file.
+    Textures are named from the library's folder, or from the mesh's. Only files that are named as libraries are read:
+    an OBJ file may name any file.
 
     Args:
         folder: of the mesh. named: what its `mtllib` lines say: one name that may have spaces, or several.
     """
     files = dict.fromkeys(file for name in dict.fromkeys(named) for file in _files(folder, name))
-    return "".join(with_full_paths(as_text(plain_lines(file.read_bytes())), folder) for file in files)
+    texts = {file: as_text(plain_lines(file.read_bytes())) for file in files}
+    return "".join(
+        with_full_paths(with_full_paths(text, file.parent), folder) for file, text in texts.items()
+    )
 
 
 def _files(folder: Path, name: bytes) -> list[Path]:
     text = name.decode("utf-8", errors="surrogateescape").replace("\\", "/").strip('"')
-    whole = _library(folder, text)
+    whole = _library(folder, text) or (_library(folder, PurePath(text).name) if is_absolute(text) else None)
     if whole is not None:
         return [whole]
     several = (_library(folder, part) for part in re.findall(r"\S.*?\.mtl(?=\s|$)", text, re.IGNORECASE))

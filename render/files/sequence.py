@@ -5,7 +5,7 @@ What does not fit together is named by its file. Vertices stay in the file's uni
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -126,11 +126,11 @@ def _of_files(source: Path, files: list[Path]) -> MeshSequence:
                 vertices[row] = _frame(file, first, connections)
             yield vertices
 
-    def read_frame(number: int) -> np.ndarray:
-        return _frame(files[number], first) if number else first.vertices
+    def read_frames(numbers: Sequence[int]) -> np.ndarray:
+        return np.stack([_frame(files[number], first) if number else first.vertices for number in numbers])
 
     names = [file.name for file in files]
-    return MeshSequence(first, len(files), parts, str(source), frame_names=names, read_frame=read_frame)
+    return MeshSequence(first, len(files), parts, str(source), frame_names=names, read_frames=read_frames)
 
 
 def _frame(file: Path, first: Mesh, connections: bytes | None = None) -> np.ndarray:
@@ -180,8 +180,7 @@ def _of_cache(source: Path, mesh: Mesh | None) -> MeshSequence:
             done += len(part)
             yield part
 
-    def read_frame(number: int) -> np.ndarray:
-        frame: np.ndarray = next(parts(1, number))[0]
-        return frame
+    def read_frames(numbers: Sequence[int]) -> np.ndarray:
+        return np.concatenate([next(parts(1, number)) for number in numbers])
 
-    return MeshSequence(mesh, cache.n_frames, parts, str(source), cache.fps, read_frame=read_frame)
+    return MeshSequence(mesh, cache.n_frames, parts, str(source), cache.fps, read_frames=read_frames)

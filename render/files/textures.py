@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 _KEYWORDS = ("map_", "bump", "disp", "norm", "decal", "refl")
 IMAGES = (".png", ".jpg", ".jpeg", ".tga", ".bmp", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".dds")
@@ -48,6 +48,8 @@ def _changed(line: str, change: Callable[[str], str | None]) -> str:
 def with_full_paths(mtl: str, folder: Path | None) -> str:
     """The text with full paths to those images that are there, and bare names for all other full paths.
 
+    A full path of another machine means the image of its name in the folder.
+
     Args:
         mtl: a library from a file.
         folder: under which its images must be, links followed; None finds none.
@@ -55,13 +57,20 @@ def with_full_paths(mtl: str, folder: Path | None) -> str:
 
     def found(path: str) -> str | None:
         image = None if folder is None else image_under(folder, path)
+        if image is None and folder is not None and is_absolute(path):
+            image = image_under(folder, PureWindowsPath(path).name)
         return None if image is None else str(image)
 
     def bare(path: str) -> str | None:
         allowed = folder is not None and image_under(folder, path) is not None
-        return Path(path).name if Path(path).is_absolute() and not allowed else None
+        return PureWindowsPath(path).name if is_absolute(path) and not allowed else None
 
     return change_paths(change_paths(mtl, found), bare)
+
+
+def is_absolute(path: str) -> bool:
+    """Whether a path is a full one, here or under Windows."""
+    return Path(path).is_absolute() or PureWindowsPath(path).is_absolute()
 
 
 def image_under(folder: Path, path: str) -> Path | None:

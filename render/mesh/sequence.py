@@ -27,7 +27,8 @@ class MeshSequence:
         source: what messages call it.
         fps: frames a second, where the source says so.
         frame_names: of each frame, for messages; None where frames have only numbers.
-        read_frame: one frame (N, 3) by its number, where that takes less than reading all before it; else None.
+        read_frames: some frames (t, N, 3) by their numbers, where that takes less than reading all up to them; else
+            None.
     """
 
     mesh: Mesh
@@ -36,7 +37,7 @@ class MeshSequence:
     source: str = "mesh sequence"
     fps: float | None = None
     frame_names: Sequence[str] | None = None
-    read_frame: Callable[[int], np.ndarray] | None = None
+    read_frames: Callable[[Sequence[int]], np.ndarray] | None = None
 
     @classmethod
     def of_array(
@@ -55,7 +56,9 @@ class MeshSequence:
         def parts(count: int) -> Iterator[np.ndarray]:
             return (vertices[first : first + count] for first in range(0, len(vertices), count))
 
-        return cls(mesh, len(vertices), parts, source, fps, read_frame=lambda number: vertices[number])
+        return cls(
+            mesh, len(vertices), parts, source, fps, read_frames=lambda numbers: vertices[list(numbers)]
+        )
 
     @property
     def faces(self) -> np.ndarray:
@@ -82,12 +85,17 @@ class MeshSequence:
         assert whole is not None
         return whole
 
+    def frames(self, numbers: Sequence[int]) -> np.ndarray:
+        """Some frames (t, N, 3), by their numbers in rising order."""
+        if self.read_frames is not None:
+            return self.read_frames(numbers)
+        wanted = set(numbers)
+        parts = enumerate(islice(self.parts(1), max(numbers) + 1))
+        return np.concatenate([part for number, part in parts if number in wanted])
+
     def frame(self, number: int) -> np.ndarray:
         """One frame, (N, 3)."""
-        if self.read_frame is not None:
-            return self.read_frame(number)
-        part = next(islice(self.parts(1), number, None))
-        frame: np.ndarray = part[0]
+        frame: np.ndarray = self.frames([number])[0]
         return frame
 
     def loaded(self, progress: Callable[[int], object] | None = None) -> MeshSequence:
@@ -109,11 +117,11 @@ class MeshSequence:
                 yield function(part, first)
                 first += len(part)
 
-        def read_frame(number: int) -> np.ndarray:
-            mapped: np.ndarray = function(self.frame(number)[None], number)[0]
-            return mapped
+        def read_frames(numbers: Sequence[int]) -> np.ndarray:
+            frames = zip(self.frames(numbers), numbers, strict=True)
+            return np.concatenate([function(frame[None], number) for frame, number in frames])
 
-        return replace(self, mesh=mesh, parts=parts, read_frame=read_frame)
+        return replace(self, mesh=mesh, parts=parts, read_frames=read_frames)
 
     def at_rest(self, rest: Mesh, owner: str = "sequence") -> MeshSequence:
         """The sequence with its mesh in the rest pose.

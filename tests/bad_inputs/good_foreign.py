@@ -23,13 +23,15 @@ from tests.helpers.import_examples import (
     write_pc2,
 )
 from tests.helpers.public_sets import BETAS, FRAMES, vto_content, write_cloth3d, write_virtualbones
-from tests.helpers.scenes import Written, write_abc, write_usd
+from tests.helpers.scenes import UsdUtils, Written, write_abc, write_usd
 
 MATERIALS = "newmtl cloth\nKd 0.8 0.1 0.1\nmap_Kd weave.png\n"
 
 
 def write_meshes(clip: Clip) -> None:
-    """walk/ with OBJ frames, pc2/ and mdd/ with caches, scenes/ with Alembic and USD, single meshes of every form."""
+    """walk/ with OBJ frames, pc2/ and mdd/ with caches, scenes/, text/ and packed/ with Alembic and USD of every form,
+    single meshes of every form.
+    """
     assert clip.garment is not None
     parts = {
         "garment": (clip.garment.vertices, clip.template.vertices, clip.template.faces, "template"),
@@ -42,22 +44,33 @@ def write_meshes(clip: Clip) -> None:
         write_mdd(Path(f"mdd/{name}.mdd"), moving, 30.0)
         for folder in ("walk", "pc2", "mdd"):
             write_obj(Path(f"{folder}/{still}.obj"), rest, faces)
-        write_scene = write_abc if name == "garment" else write_usd
-        Path("scenes").mkdir(exist_ok=True)
-        seconds = [frame / 30 for frame in range(len(moving))]
-        written = Written(moving, seconds, [3] * len(faces), faces.reshape(-1).tolist())
-        write_scene(
-            Path(f"scenes/{name}{'.abc' if name == 'garment' else '.usdc'}"), {f"/root/{name}": written}
-        )
-        write_obj(Path(f"scenes/{still}.obj"), rest, faces)
+        _write_scenes(name, moving, faces)
+        for folder in ("scenes", "text", "packed"):
+            write_obj(Path(f"{folder}/{still}.obj"), rest, faces)
     _write_textured(Path("walk/template.obj"), clip)
     _write_textured(Path("template.obj"), clip)
     mesh = trimesh.Trimesh(clip.template.vertices, clip.template.faces, process=False)
     for ending in ("ply", "stl", "glb"):
         mesh.export(f"template.{ending}")
     Path("text.ply").write_bytes(trimesh.exchange.ply.export_ply(mesh, encoding="ascii"))
+    embedded = trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh), embed_buffers=True)
+    Path("template.gltf").write_bytes(embedded["model.gltf"])
     for frame, vertices in enumerate(clip.garment.vertices):
         write_obj(Path(f"frames/garment_{frame:04d}.obj"), vertices, clip.template.faces)
+
+
+def _write_scenes(name: str, moving: np.ndarray, faces: np.ndarray) -> None:
+    """One mesh in motion in scenes/ (the garment as Alembic, the body as binary USD), text/ and packed/ (USD)."""
+    for folder in ("scenes", "text", "packed"):
+        Path(folder).mkdir(exist_ok=True)
+    seconds = [frame / 30 for frame in range(len(moving))]
+    meshes = {f"/root/{name}": Written(moving, seconds, [3] * len(faces), faces.reshape(-1).tolist())}
+    if name == "garment":
+        write_abc(Path(f"scenes/{name}.abc"), meshes)
+    else:
+        write_usd(Path(f"scenes/{name}.usdc"), meshes)
+    write_usd(Path(f"text/{name}.usda"), meshes)
+    UsdUtils.CreateNewUsdzPackage(f"text/{name}.usda", f"packed/{name}.usdz")
 
 
 def _write_textured(path: Path, clip: Clip) -> None:

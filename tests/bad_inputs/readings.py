@@ -166,7 +166,11 @@ MESHES = (
 )  # fmt: skip
 BINARY_MESHES = tuple(
     Reading("fuse-template", f"fuse --maps maps.npz --template {file} --config fusion.yaml {_OUT}", file)
-    for file in ("template.ply", "text.ply", "template.glb", "template.stl")
+    for file in ("template.ply", "template.glb", "template.stl")
+)
+TEXT_PLY, GLTF = (
+    Reading("fuse-template", f"fuse --maps maps.npz --template {file} --config fusion.yaml {_OUT}", file)
+    for file in ("text.ply", "template.gltf")
 )
 CACHES = (
     Reading("import-pc2", f"import meshes pc2 {_IMPORT}", "pc2/garment.pc2"),
@@ -175,7 +179,21 @@ CACHES = (
 SCENES = (
     Reading("import-abc", f"import meshes scenes {_IMPORT}", "scenes/garment.abc"),
     Reading("import-usdc", f"import meshes scenes {_IMPORT}", "scenes/body.usdc"),
-)
+    Reading("import-usdz", f"import meshes packed {_IMPORT}", "packed/body.usdz"),
+    Reading("render-abc", f"render scenes/garment.abc --template template.obj --size 24 {_OUT}",
+            "scenes/garment.abc", ("template.obj", "cloth.mtl", "weave.png")),
+    Reading("fuse-usdc", f"fuse --maps maps.npz --body scenes/body.usdc --config fusion.yaml {_OUT}",
+            "scenes/body.usdc"),
+    Reading("simulate-usdc", f"simulate scenes --template template.obj --anyway --dry-run {_OUT}",
+            "scenes/body.usdc", ("template.obj", "cloth.mtl", "weave.png")),
+)  # fmt: skip
+TEXT_SCENES = (Reading("import-usda", f"import meshes text {_IMPORT}", "text/garment.usda"),)
+FRAMES = (
+    Reading("simulate-frames", f"simulate walk --template template.obj --anyway --dry-run {_OUT}",
+            "walk/body/body_0001.obj", ("template.obj", "cloth.mtl", "weave.png")),
+    Reading("fuse-frames", f"fuse --maps maps.npz --body walk/body --config fusion.yaml {_OUT}",
+            "walk/body/body_0001.obj"),
+)  # fmt: skip
 MATERIALS = tuple(
     Reading("import-meshes", f"import meshes walk {_IMPORT}", f"walk/{file}", optional=True)
     for file in ("cloth.mtl", "weave.png")

@@ -191,12 +191,28 @@ def _text(path: Path) -> str:
 
 
 def _processor_seconds(pid: int) -> float:
-    """Processor time of all threads of a process; the time of day where the system does not say."""
+    """Processor time of a process and of those that it started; the time of day where the system does not say."""
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return _of_process(pid) + sum(map(_of_child, _children(pid)))
     except OSError:
         return time.monotonic()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _of_child(pid: int) -> float:
+    try:
+        return _of_process(pid)
+    except OSError:  # it has ended, and counts with the one that started it
+        return 0.0
+
+
+def _of_process(pid: int) -> float:
+    """Seconds of all threads, and of processes that it started and that ended."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
 
 
 def _resident(pid: int) -> int:

@@ -35,7 +35,7 @@ def read(path: Path, name: str) -> MeshSequence:
     """An object in metres, y up."""
     scale = 0.01 if path.name == "centimetres.abc" else 1.0  # the one thing that no Alembic file says
     axes = Axes(scale=scale, given=frozenset({"scale"}) if scale != 1 else frozenset())
-    return open_in_metres(path, "garment", axes, which=Option("garment_object", name))
+    return open_in_metres(path, "garment", axes, which=Option("garment_object", name)).sequence
 
 
 @pytest.mark.parametrize("name", [*ABC, *USD])

@@ -13,8 +13,9 @@ import pytest
 imath = pytest.importorskip("imath")
 Abc, AbcGeom = (getattr(pytest.importorskip("alembic3d"), name) for name in ("Abc", "AbcGeom"))
 Core = pytest.importorskip("alembic3d").AbcCoreAbstract
-Gf, Sdf, Usd, UsdGeom, UsdShade, Vt = (
-    pytest.importorskip(f"pxr.{name}") for name in ("Gf", "Sdf", "Usd", "UsdGeom", "UsdShade", "Vt")
+Gf, Sdf, Usd, UsdGeom, UsdShade, UsdUtils, Vt = (
+    pytest.importorskip(f"pxr.{name}")
+    for name in ("Gf", "Sdf", "Usd", "UsdGeom", "UsdShade", "UsdUtils", "Vt")
 )
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)  # faces +z, read counter-clockwise

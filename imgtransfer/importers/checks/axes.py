@@ -25,6 +25,7 @@ class Axes:
         facing: the file's axis that the body faces in its rest pose.
         scale: metres a unit of the file.
         given: which of the three somebody said; for the others, the word of a file that says how it lies comes first.
+        said: which of the three are by the word of the file.
 
     Raises:
         InputError: an unknown axis, up and facing along one line, or a scale that is not positive.
@@ -33,7 +34,9 @@ class Axes:
     up: str = "y"
     facing: str = "z"
     scale: float = 1.0
-    given: frozenset[str] = field(default=frozenset(), repr=False)  # fingerprints are of reprs
+    # Neither changes how coordinates lie; fingerprints are of reprs.
+    given: frozenset[str] = field(default=frozenset(), repr=False, compare=False)
+    said: frozenset[str] = field(default=frozenset(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name, axis in (("up", self.up), ("facing", self.facing)):
@@ -63,7 +66,8 @@ class Axes:
             return self
         up = self.up if "up" in self.given else said.up
         facing = self.facing if self.given & {"up", "facing"} else usual_facing(up)
-        return Axes(up, facing, self.scale if "scale" in self.given else said.metres, self.given)
+        scale = self.scale if "scale" in self.given else said.metres
+        return Axes(up, facing, scale, self.given, frozenset({"up", "scale"} - self.given))
 
     def of_mesh(self, mesh: Mesh) -> Mesh:
         """The mesh in metres, y up, facing +z."""
@@ -116,6 +120,21 @@ class MotionAxes:
 
 
 AS_AT_REST = MotionAxes()
+
+
+@dataclass(frozen=True, eq=False)
+class InMetres:
+    """A mesh in motion as commands take it.
+
+    Args:
+        sequence: in metres, y up, facing +z.
+        axes: how the rest mesh's file lay, by the user's word, else by its own. frames: how the frames' files did; None
+            for arrays, which are in metres, y up, always.
+    """
+
+    sequence: MeshSequence
+    axes: Axes
+    frames: Axes | None
 
 
 def usual_facing(up: str) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, axis_name, axis_vector, guess_axes
+from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, InMetres, axis_name, axis_vector, guess_axes
 from imgtransfer.importers.checks.findings import MeshFault, refuse
 from render import MeshSequence, Option
 from render.mesh.measures import edge_lengths
@@ -54,8 +54,8 @@ def motion_facts(sequence: MeshSequence) -> MotionFacts | None:
         return None
     edges, lengths = edges[lengths > 0], lengths[lengths > 0]
     sizes, ups = [], []
-    for number in sorted({round(step) for step in np.linspace(0, sequence.n_frames - 1, _FRAMES)}):
-        moved = np.asarray(sequence.frame(number), np.float64)
+    numbers = sorted({round(step) for step in np.linspace(0, sequence.n_frames - 1, _FRAMES)})
+    for moved in np.asarray(sequence.frames(numbers), np.float64):
         ratio = np.maximum(edge_lengths(moved, edges) / lengths, 1e-12)
         size, turn = float(np.median(ratio)), _turn(rest.vertices[used], moved[used])
         torn = np.abs(np.log(ratio / size)) > np.log(_SIZE)
@@ -66,11 +66,11 @@ def motion_facts(sequence: MeshSequence) -> MotionFacts | None:
     return MotionFacts(float(np.median(sizes)), _lying_along(np.array(ups)))
 
 
-def check_motion(sequences: Sequence[MeshSequence], axes: Sequence[Axes]) -> list[MeshFault]:
-    """Check meshes in motion against their rest poses.
+def check_motion(moving: Sequence[InMetres]) -> list[MeshFault]:
+    """Check meshes in motion against their rest poses; arrays, which have no axes of their own, are passed over.
 
     Args:
-        sequences: metres, y up, as the files and the user say. axes: how the frames of each lay in its files.
+        moving: metres, y up, as the files and the user say.
 
     Returns:
         A fault where some are in other units than their rest meshes, and one where some lie along another axis. The
@@ -79,11 +79,13 @@ def check_motion(sequences: Sequence[MeshSequence], axes: Sequence[Axes]) -> lis
     Raises:
         InputError: frames that cannot be read.
     """
+    frames = [one.frames for one in moving if one.frames is not None]
+    sequences = [one.sequence for one in moving if one.frames is not None]
     facts = [motion_facts(sequence) for sequence in sequences]
-    units = [None if fact is None else _unit(fact, lay) for fact, lay in zip(facts, axes, strict=True)]
+    units = [None if fact is None else _unit(fact, lay) for fact, lay in zip(facts, frames, strict=True)]
     ups = [
         None if fact is None or fact.up is None else _of_file(fact.up, lay)
-        for fact, lay in zip(facts, axes, strict=True)
+        for fact, lay in zip(facts, frames, strict=True)
     ]
     found = []
     if any(unit is not None for unit in units):
@@ -110,20 +112,22 @@ def check_motion(sequences: Sequence[MeshSequence], axes: Sequence[Axes]) -> lis
     return found
 
 
-def note_motion(sequences: Sequence[MeshSequence], axes: Sequence[Axes]) -> None:
+def note_motion(moving: Sequence[InMetres]) -> None:
     """As `check_motion`, for programs that go on with frames that lie, which are noted: people do lie.
 
     Raises:
         InputError: frames that cannot be read, or that are in other units than their rest meshes.
     """
-    found = check_motion(sequences, axes)
-    for sequence, lay in zip(sequences, axes, strict=True):
-        guess = guess_axes(sequence.mesh.vertices)
-        if guess is not None and (guess.up, guess.facing) != ("y", "z"):
+    found = check_motion(moving)
+    for one in moving:
+        guess = guess_axes(one.sequence.mesh.vertices)
+        if one.frames is not None and guess is not None and (guess.up, guess.facing) != ("y", "z"):
             # How its frames lie tells nothing before its rest pose stands.
             found = [fault for fault in found if fault.kind != "axes"]
-            right = Axes(_of_file(guess.up, lay), _of_file(guess.facing, lay))
-            text = f"{sequence.mesh.source}: stands along {right.up} and faces {right.facing}: add {right}"
+            right = Axes(_of_file(guess.up, one.axes), _of_file(guess.facing, one.axes))
+            text = (
+                f"{one.sequence.mesh.source}: stands along {right.up} and faces {right.facing}: add {right}"
+            )
             found.append(MeshFault("axes", text, True))
             break
     for text in refuse([replace(fault, severe=fault.kind == "unit") for fault in found], anyway=None):

@@ -50,8 +50,9 @@ def load_template(
     which = Option("garment_object", chosen)
     path = Path(path)
     check_choice(which, path)
-    garment = axes.of_mesh(load_file(path, which))
-    faults = check_template(garment, body, given=body_axes, garment_given=axes, welding=welding)
+    loaded = load_file(path, which)
+    garment, lay = axes.of_mesh(loaded), axes.of_file(loaded.axes)
+    faults = check_template(garment, body, given=body_axes, garment_given=lay, welding=welding)
     notes = refuse(faults, anyway=anyway)
     mesh = weld(garment).mesh if welding else garment
     _check_cloth(mesh)

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.data.schema import valid_clip_name
+from imgtransfer.importers.checks.axes import InMetres
 from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.meshes import check_template
 from imgtransfer.importers.checks.motion import check_motion
@@ -55,7 +56,7 @@ def jobs(paths: list[Path], options: ImportOptions) -> list[Job]:
     for path in paths:
         entries = natural_sort(path.iterdir()) if path.is_dir() else []
         inner = [entry for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
-        several = moving_in(path, "body") is None and any(moving_in(entry, "body") for entry in inner)
+        several = any(moving_in(entry, "body") for entry in inner) and moving_in(path, "body") is None
         folders += inner if several else [path]
     return [job_of(_clip_name(folder), find_source(folder, options), options) for folder in folders]
 
@@ -78,14 +79,13 @@ def job_of(name: str, source: Source, options: ImportOptions) -> Job:
     files = source.files()
     garment, body = _prepare(source, options, check=True)
     clip = valid_clip_name(options.garment or "garment", name)
-    summary = _summary(clip, source, garment, body, options)
+    summary = _summary(clip, garment, body, options)
     return Job(clip, options.split, files, lambda: _clip(source, options), summary)
 
 
-def _summary(
-    name: str, source: Source, garment: MeshSequence, body: MeshSequence, options: ImportOptions
-) -> Summary:
+def _summary(name: str, taken: InMetres, worn_by: InMetres, options: ImportOptions) -> Summary:
     """What is taken for a clip, once it is checked."""
+    garment, body = taken.sequence, worn_by.sequence
     joined = weld(garment.mesh).joined if options.weld else None
     if garment.fps and body.fps and garment.fps != body.fps:
         _log.warning(
@@ -96,13 +96,13 @@ def _summary(
         ("", f"{mesh_text(garment.mesh, joined)}; {size_text(garment.mesh)}"),
         ("body", motion_text(body)),
         ("", f"{len(body.mesh.vertices)} vertices; {size_text(body.mesh)}"),
-        *lying_facts(body.mesh, options.axes, options.garment_axes, options.motion_axes),
+        *lying_facts(body.mesh, worn_by.axes, {"garment": taken.axes, "frames": worn_by.frames}),
         ("rate", rate_text(options.fps, garment.fps or body.fps, FPS)),
     ]
     return Summary(name, tuple(facts))
 
 
-def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[MeshSequence, MeshSequence]:
+def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[InMetres, InMetres]:
     """Garment and body with their rest pose and first frames; `check` them, and print what does not stop the work."""
     garment_axes = options.garment_axes or options.axes
     motion = options.motion_axes
@@ -111,17 +111,17 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[Me
         source.garment, "garment", garment_axes, source.template, motion=motion, which=chosen[0]
     )
     body = open_in_metres(source.body, "body", options.axes, source.body_rest, motion=motion, which=chosen[1])
-    _check_lengths(garment, body)
+    _check_lengths(garment.sequence, body.sequence)
     if check:
         found = check_template(
-            garment.mesh,
-            body.mesh,
-            given=options.axes,
-            garment_given=garment_axes,
+            garment.sequence.mesh,
+            body.sequence.mesh,
+            given=body.axes,
+            garment_given=garment.axes,
             welding=options.weld,
         )
         if not {"unit", "axes"} & {fault.kind for fault in found}:
-            found += check_motion([body, garment], [motion.beside(options.axes), motion.beside(garment_axes)])
+            found += check_motion([body, garment])
         for text in refuse(found, anyway=options.anyway):
             _log.warning("note: %s", text)
     return garment, body
@@ -141,7 +141,7 @@ def _check_lengths(garment: MeshSequence, body: MeshSequence) -> None:
 
 
 def _clip(source: Source, options: ImportOptions) -> Clip:
-    garment, body = _prepare(source, options, check=False)
+    garment, body = (opened.sequence for opened in _prepare(source, options, check=False))
     if options.weld:
         garment, body = weld_sequence(garment), weld_sequence(body)
     total = garment.n_frames + body.n_frames

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from imgtransfer.data.schema import valid_clip_name
+from imgtransfer.importers.checks.axes import InMetres
 from imgtransfer.importers.formats.meshes import FPS
 from imgtransfer.importers.mesh_files import find_body
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
@@ -47,8 +48,8 @@ class BodySequence:
     content: str
     frames: int | None = None
 
-    def open(self) -> MeshSequence:
-        """The body at rest and the first frame.
+    def open(self) -> InMetres:
+        """The body at rest and the first frame, and how they lay.
 
         Raises:
             InputError: files that cannot be read, or a rest pose that is not the frames' mesh.
@@ -64,7 +65,7 @@ class BodySequence:
         Raises:
             InputError: as `open`.
         """
-        opened = self.open()
+        opened = self.open().sequence
         frames = resampled_frames(opened.n_frames, float(self.settings.fps or opened.fps or FPS), self.fps)
         return frames if self.frames is None else min(frames, self.frames)
 
@@ -102,7 +103,11 @@ def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> BodySequ
     folder = folder.resolve()
     moving, rest = find_body(folder, settings.body_rest)
     files = sequence_files(moving)
-    content = files_fingerprint(files if rest is None else [*files, rest])
+    files = files if rest is None else [*files, rest]
+    content = files_fingerprint(files)
+    if any(is_scene(file) for file in files):
+        # Such files say how they lie, so that it matters whether `unit: m` was given or is the default.
+        content += f" {sorted(settings.axes.given)}"
     name = valid_clip_name("", folder.stem if is_scene(folder) else folder.name).partition("/")[2]
     return BodySequence(name, moving, rest, settings, fps, content)
 
@@ -110,7 +115,7 @@ def find_sequence(folder: Path, settings: SequenceFiles, fps: float) -> BodySequ
 @lru_cache(maxsize=1)
 def _read(sequence: BodySequence) -> SampledBody:
     settings = sequence.settings
-    opened = sequence.open()
+    opened = sequence.open().sequence
     body = weld_sequence(opened) if settings.weld else opened
     vertices, fps, rest = body.vertices(), float(settings.fps or body.fps or FPS), body.mesh
     if len(vertices) < 2:

@@ -41,7 +41,8 @@ def check_files(tasks: Sequence[Task]) -> None:
             continue
         checked.add((wears, own))
         if isinstance(motion, BodySequence):
-            wearer, axes, called = motion.open().mesh, motion.settings.axes, ""
+            opened = motion.open()
+            wearer, axes, called = opened.sequence.mesh, opened.axes, ""
             if motion.rest is None:
                 note(f"{motion.moving}: no body_rest beside it, so its first frame is taken as the rest pose")
         elif own is not None or isinstance(task.config.body, SmplConfig):
@@ -57,8 +58,7 @@ def check_files(tasks: Sequence[Task]) -> None:
         except InputError as error:
             raise InputError(f"on the body {called}: {error}" if called else str(error)) from error
         if isinstance(motion, BodySequence):
-            lying = check_motion([motion.open()], [motion.settings.motion_axes.beside(motion.settings.axes)])
-            for text in refuse(lying, anyway=own.anyway):
+            for text in refuse(check_motion([motion.open()]), anyway=own.anyway):
                 note(text)
 
 

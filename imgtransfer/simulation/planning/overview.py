@@ -12,7 +12,8 @@ from imgtransfer.importers.summary import Summary, lying_facts, mesh_text, motio
 from imgtransfer.simulation.body_motion.body_sequence import BodySequence
 from imgtransfer.simulation.planning.job import standing
 from imgtransfer.simulation.planning.task import Task
-from render import load_mesh
+from render import Option
+from render.files.sequence import load_file
 
 
 def summaries_of(tasks: Sequence[Task]) -> list[Summary]:
@@ -50,21 +51,23 @@ def _frames(task: Task) -> int:
 
 
 def _of_garment(garment: TemplateConfig) -> Summary:
-    mesh = garment.axes.of_mesh(load_mesh(garment.path))
+    loaded = load_file(garment.path, Option("garment_object", garment.object))
+    mesh = garment.axes.of_mesh(loaded)
     joined = weld(mesh).joined if garment.weld else None
     facts = [
         ("garment", f"{mesh_text(mesh, joined)}; {size_text(mesh)}"),
-        *lying_facts(None, garment.axes),
+        *lying_facts(None, garment.axes.of_file(loaded.axes)),
     ]
     return Summary(str(garment.path), tuple(facts))
 
 
 def _of_sequence(sequence: BodySequence) -> Summary:
-    opened, settings = sequence.open(), sequence.settings
+    opened = sequence.open()
+    moving = opened.sequence
     facts = [
-        ("body", motion_text(opened)),
-        ("", f"{len(opened.mesh.vertices)} vertices; {size_text(opened.mesh)}"),
-        *lying_facts(opened.mesh, settings.axes, motion_axes=settings.motion_axes),
-        ("rate", rate_text(settings.fps, opened.fps, FPS)),
+        ("body", motion_text(moving)),
+        ("", f"{len(moving.mesh.vertices)} vertices; {size_text(moving.mesh)}"),
+        *lying_facts(moving.mesh, opened.axes, {"frames": opened.frames}),
+        ("rate", rate_text(sequence.settings.fps, moving.fps, FPS)),
     ]
     return Summary(sequence.name, tuple(facts))

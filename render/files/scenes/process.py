@@ -1,8 +1,8 @@
 """A process of its own that reads a scene file, so that only it ends where a format's library fails on a damaged file.
 
 alembic3d ends its process on some damaged files, and usd-core writes to stderr. `python -m render.files.scenes.process
-FILE [OBJECT]` answers on stdout: a line of JSON, the arrays that it names, and then frame after frame, as fast as the
-caller takes them.
+FILE [OBJECT [FRAME ...]]` answers on stdout: a line of JSON, the arrays that it names, and then frame after frame (all,
+or those of the numbers given), as fast as the caller takes them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,13 @@ FRAME, FAULT = b"+", b"-"  # what begins a frame, and the line of JSON in place 
 _ROOM = 8 * 2**30  # bytes of addresses that libraries and threads reserve, and never use
 
 
-def main(path: Path, wanted: str | None) -> None:
+def main(path: Path, wanted: str | None, numbers: Sequence[int] = ()) -> None:
     """Answer with the one mesh that is wanted; with the names of all where that is not one."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries may print
     _limit()
     try:
-        for content in answer(path, wanted):
+        for content in answer(path, wanted, numbers):
             out.write(content)
         out.flush()
     except BrokenPipeError:  # the caller has what it wanted
@@ -39,8 +39,8 @@ def main(path: Path, wanted: str | None) -> None:
     os._exit(0)  # the libraries' own ends take time, and may fail on damaged files
 
 
-def answer(path: Path, wanted: str | None) -> Iterator[bytes]:
-    """What is written for a file, in pieces; faults become the last piece."""
+def answer(path: Path, wanted: str | None, numbers: Sequence[int] = ()) -> Iterator[bytes]:
+    """What is written for a file, in pieces; faults become the last piece. All frames, unless `numbers` are given."""
     started = False
     try:
         scene = _open(path)
@@ -61,8 +61,8 @@ def answer(path: Path, wanted: str | None) -> Iterator[bytes]:
         for array in arrays.values():
             yield array.tobytes()
         started = True
-        for number, seconds in enumerate(frames.seconds):
-            vertices = mesh.points(float(seconds), number).astype("<f4")
+        for number in numbers or range(len(frames.seconds)):
+            vertices = mesh.points(float(frames.seconds[number]), number).astype("<f4")
             yield FRAME + vertices.tobytes()
     except InputError as error:
         yield (FAULT if started else b"") + _line({"error": str(error)})
@@ -127,4 +127,4 @@ def _limit() -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None)
+    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None, [int(word) for word in sys.argv[3:]])

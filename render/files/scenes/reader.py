@@ -8,7 +8,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -72,13 +72,14 @@ def open_scene(path: Path, which: Option) -> MeshSequence:
         with _answer(path, header["path"]) as (_, answer):
             _arrays(path, header, answer)
             for start in range(0, n_frames, count):
-                vertices = np.empty((min(count, n_frames - start), len(mesh.vertices), 3), np.float32)
-                for row in range(len(vertices)):
-                    vertices[row] = _frame(answer, len(mesh.vertices))
-                check_finite(vertices, mesh.source, limit=FARTHEST_IN_FILES, unit="", first=start)
-                yield vertices
+                yield _frames(answer, mesh, range(start, min(start + count, n_frames)))
 
-    return MeshSequence(mesh, n_frames, parts, str(path), header["fps"])
+    def read_frames(numbers: Sequence[int]) -> np.ndarray:
+        with _answer(path, header["path"], numbers) as (_, answer):
+            _arrays(path, header, answer)
+            return np.concatenate([_frames(answer, mesh, range(number, number + 1)) for number in numbers])
+
+    return MeshSequence(mesh, n_frames, parts, str(path), header["fps"], read_frames=read_frames)
 
 
 @lru_cache(maxsize=4)
@@ -132,14 +133,20 @@ def _choice(shown: str, header: dict[str, Any], which: Option) -> str:
 
 
 @contextmanager
-def _answer(path: Path, name: str | None) -> Iterator[tuple[dict[str, Any], IO[bytes]]]:
-    """The header of what the reading process says, and what follows; the process ends with the block."""
+def _answer(
+    path: Path, name: str | None, frames: Sequence[int] = ()
+) -> Iterator[tuple[dict[str, Any], IO[bytes]]]:
+    """The header of what the reading process says, and what follows: all frames, or those that are named.
+
+    The process ends with the block.
+    """
     command = [
         sys.executable,
         "-m",
         "render.files.scenes.process",
         str(path),
         *([] if name is None else [name]),
+        *map(str, frames),
     ]
     above = [str(Path(render.__file__).parent.parent), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, above))}
@@ -177,10 +184,15 @@ def _arrays(path: Path, header: dict[str, Any], answer: IO[bytes]) -> dict[str, 
     return arrays
 
 
-def _frame(answer: IO[bytes], n_vertices: int) -> np.ndarray:
-    if _exactly(answer, 1) == FAULT:
-        _line(answer)
-    return np.frombuffer(_exactly(answer, 12 * n_vertices), "<f4").reshape(-1, 3)
+def _frames(answer: IO[bytes], mesh: Mesh, numbers: range) -> np.ndarray:
+    """(t, N, 3) float32 of the next frames, which have these numbers."""
+    vertices = np.empty((len(numbers), len(mesh.vertices), 3), np.float32)
+    for row in range(len(vertices)):
+        if _exactly(answer, 1) == FAULT:
+            _line(answer)
+        vertices[row] = np.frombuffer(_exactly(answer, vertices[row].nbytes), "<f4").reshape(-1, 3)
+    check_finite(vertices, mesh.source, limit=FARTHEST_IN_FILES, unit="", first=numbers.start)
+    return vertices
 
 
 def _line(answer: IO[bytes]) -> dict[str, Any]:

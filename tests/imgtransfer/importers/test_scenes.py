@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,10 @@ from imgtransfer.cli.fuse_files import given_files
 from imgtransfer.cli.main import build_parser, main
 from imgtransfer.data.store import DataSet
 from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.importers.checks.motion import check_motion
+from imgtransfer.importers.formats.meshes import job_of, jobs
+from imgtransfer.importers.job import ImportOptions
+from imgtransfer.importers.mesh_files import Source
 from imgtransfer.importers.sequences import open_in_metres
 from imgtransfer.pipeline.scene import mesh_scene
 from imgtransfer.simulation.body_motion.body_sequence import find_sequence
@@ -18,7 +24,7 @@ from imgtransfer.simulation.motion_config import SequenceFiles
 from imgtransfer.simulation.planning.sources import sorted_sources
 from render import InputError, Mesh, Option
 from render.mesh.file_axes import FileAxes
-from tests.helpers.import_examples import standing_body, vest
+from tests.helpers.import_examples import standing_body, vest, write_obj
 from tests.helpers.scenes import Written, write_abc, write_usd
 
 BODY = standing_body()
@@ -113,3 +119,62 @@ def test_render_simulate_and_fuse_read_the_same(usd: Path) -> None:
 def test_an_object_of_a_file_without_names_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"x\.obj: body_object='a' does nothing here"):
         open_in_metres(tmp_path / "x.obj", "body", Axes(), which=Option("body_object", "a"))
+
+
+@pytest.mark.parametrize("command", ["import", "simulate"])
+def test_the_summary_says_what_the_file_says_of_itself(
+    usd: Path, tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chosen = ["--garment-object=Vest", "--body-object=Avatar", "--dry-run"]
+    argv = {
+        "import": ["import", "meshes", str(usd), "--to", str(tmp_path / "set"), "--split", "train"],
+        "simulate": ["simulate", str(usd), "--template", str(usd), "--out", str(tmp_path / "set")],
+    }[command]
+    assert main([*argv, *chosen]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["units", "cm,", "from", "the", "file"] in lines
+    assert ["axes", "z", "up,", "facing", "-y,", "from", "the", "file"] in lines
+    assert not [line for line in lines if line[1:2] == ["in"]]
+
+
+def test_hints_go_from_what_the_file_says(tmp_path: Path) -> None:
+    def refused(**said: Any) -> str:
+        write_usd(
+            tmp_path / "walk.usda", {"/Vest": written(VEST, CM_Z_UP), "/Body": written(BODY, CM_Z_UP)}, **said
+        )
+        options = ImportOptions(split="train", garment_object="Vest", body_object="Body")
+        with pytest.raises(InputError) as caught:
+            jobs([tmp_path / "walk.usda"], options)
+        (tmp_path / "walk.usda").unlink()
+        return str(caught.value)
+
+    assert "its file seems to be in cm: add unit='cm'" in refused(metres=1.0, up="Z")
+    assert "stands along z and faces -y, not y and z; add up='z' facing='-y'" in refused(metres=0.01, up="Y")
+    write_usd(tmp_path / "vest.usda", {"/Vest": written(VEST, Axes("z", "-y"))}, metres=0.01, up="Z")
+    write_usd(tmp_path / "body.usda", {"/Body": written(BODY, CM_Z_UP)}, metres=0.01, up="Z")
+    source = Source(tmp_path / "vest.usda", tmp_path / "body.usda", None, None)
+    with pytest.raises(InputError, match="in other units than the body's: add garment_unit='m'"):
+        job_of("walk", source, ImportOptions(split="train"))
+
+
+def test_frames_beside_a_rest_mesh_are_told_by_their_own_file_s_word(tmp_path: Path) -> None:
+    write_usd(tmp_path / "body.usda", {"/Body": written(BODY, CM_Z_UP)}, metres=0.01, up="Y")
+    write_obj(tmp_path / "body_rest.obj", BODY.vertices, BODY.faces)
+    opened = open_in_metres(tmp_path / "body.usda", "body", Axes(), tmp_path / "body_rest.obj")
+    assert (opened.axes, opened.frames) == (Axes(), Axes("y", "z", 0.01))
+    (fault,) = check_motion([opened])
+    assert fault.text.endswith("its frames all lie, with z up: add motion_up='z'")
+
+
+def test_a_unit_that_is_given_makes_another_clip_of_a_file_that_says_its_own(usd: Path) -> None:
+    options = ImportOptions(split="train", garment_object="Vest", body_object="Avatar")
+    (job,) = jobs([usd], options)
+    given = replace(options, axes=Axes(given=frozenset({"scale"})), anyway=True)
+    assert job.fingerprint(options) != job.fingerprint(replace(given, anyway=False))
+    other = replace(job, files=(Path("walk.obj"),))
+    assert other.fingerprint(options) == other.fingerprint(replace(given, anyway=False))
+
+
+def test_scenes_are_rendered_with_a_template(usd: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", str(usd), "--out", "nowhere"]) == 2
+    assert "meshes are rendered with --template FILE" in capsys.readouterr().err

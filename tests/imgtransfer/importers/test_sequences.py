@@ -104,10 +104,10 @@ def test_whatever_the_files_the_frames_are_the_same(frames: Path, tmp_path: Path
         beside,
         tmp_path / "arrays.npz",
     ):
-        found = open_in_metres(path, kind, METRES)  # type: ignore[arg-type]
+        found = open_in_metres(path, kind, METRES).sequence  # type: ignore[arg-type]
         np.testing.assert_array_equal(found.vertices(), wanted)
         np.testing.assert_array_equal(found.faces, FACES)
-    one = open_in_metres(frames / kind / f"{kind}_3.obj", kind, METRES)  # type: ignore[arg-type]
+    one = open_in_metres(frames / kind / f"{kind}_3.obj", kind, METRES).sequence  # type: ignore[arg-type]
     np.testing.assert_array_equal(one.vertices(), wanted[2:3])
 
 
@@ -180,20 +180,20 @@ def test_arrays_that_are_missing_are_named(tmp_path: Path) -> None:
 
 def test_axes_and_units_are_those_of_mesh_files_only(frames: Path, tmp_path: Path) -> None:
     axes = Axes("z", "-y", 0.01)
-    found = open_in_metres(frames / "body", "body", axes, frames / "body_rest.obj")
-    plain = open_in_metres(frames / "body", "body", METRES).vertices()
+    found = open_in_metres(frames / "body", "body", axes, frames / "body_rest.obj").sequence
+    plain = open_in_metres(frames / "body", "body", METRES).sequence.vertices()
     np.testing.assert_array_equal(found.vertices(), axes.apply(plain))
     np.testing.assert_array_equal(np.concatenate(list(found.parts(5))), axes.apply(plain))
     np.testing.assert_array_equal(
         found.mesh.vertices, axes.apply(load_mesh(frames / "body_rest.obj").vertices)
     )
     np.savez(tmp_path / "m.npz", body_faces=FACES, body_vertices=plain)
-    np.testing.assert_array_equal(open_in_metres(tmp_path / "m.npz", "body", axes).vertices(), plain)
+    np.testing.assert_array_equal(open_in_metres(tmp_path / "m.npz", "body", axes).sequence.vertices(), plain)
 
 
 def test_a_vertex_far_away_is_named_with_its_frame(frames: Path) -> None:
     write_obj(frames / "body/body_11.obj", BODY + np.array([3e4, 0, 0]), FACES)
-    found = open_in_metres(frames / "body", "body", METRES)
+    found = open_in_metres(frames / "body", "body", METRES).sequence
     with pytest.raises(InputError, match=r"body: frame 10, vertex 0 is .* beyond ±10000 m"):
         list(found.parts(3))
 
@@ -265,7 +265,7 @@ def test_a_rest_pose_among_the_frames_is_the_rest_pose(frames: Path, name: str) 
     rest = write_obj(frames / "body" / name, BODY * 1.25, FACES)
     sequence = find_sequence(frames, SequenceFiles(), 30.0)
     assert sequence.rest == rest
-    opened = sequence.open()
+    opened = sequence.open().sequence
     assert opened.n_frames == 12
     np.testing.assert_array_equal(opened.mesh.vertices, BODY * 1.25)
     (job,) = jobs([frames], ImportOptions(split="train", anyway=True))
@@ -294,9 +294,9 @@ def test_one_frame_is_read_without_those_before_it(frames: Path) -> None:
     axes = Axes("z", "-y", 0.5)
     (frames / "body/body_2.obj").write_text("broken")
     for path in (frames / "body", frames / "cache.pc2"):
-        found = open_in_metres(path, "body", axes)
+        found = open_in_metres(path, "body", axes).sequence
         for number in (0, 7, 11):
             np.testing.assert_array_equal(found.frame(number), axes.apply(wanted[number]))
             np.testing.assert_array_equal(weld_sequence(found).frame(number), axes.apply(wanted[number]))
     np.savez(frames / "m.npz", body_faces=FACES, body_vertices=wanted)  # which is read from its start
-    np.testing.assert_array_equal(open_in_metres(frames / "m.npz", "body", axes).frame(7), wanted[7])
+    np.testing.assert_array_equal(open_in_metres(frames / "m.npz", "body", axes).sequence.frame(7), wanted[7])

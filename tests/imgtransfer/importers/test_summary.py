@@ -22,6 +22,7 @@ from imgtransfer.importers.summary import (
     told,
 )
 from render import Mesh, MeshSequence
+from render.mesh.file_axes import FileAxes
 from tests.helpers import synthetic
 from tests.helpers.import_examples import split, standing_body, vest, write_mdd, write_obj
 from tests.helpers.synthetic import tube_clip
@@ -61,7 +62,10 @@ def test_where_units_and_axes_come_from() -> None:
     ]
     tube = Mesh(*synthetic.tube(0.15, 1.0, 9, 14, closed=True))
     assert lying_facts(tube, Axes())[1] == ("axes", "y up, facing z, assumed: the body's shape does not tell")
-    given = lying_facts(tube, Axes("z", "-y", 0.01), Axes("x", "z", 0.5), MotionAxes(up="y"))
+    rest = Axes("z", "-y", 0.01)
+    given = lying_facts(
+        tube, rest, {"garment": Axes("x", "z", 0.5), "frames": MotionAxes(up="y").beside(rest)}
+    )
     assert given == [
         ("units", "cm, given"),
         ("axes", "z up, facing -y, given: the body's shape does not tell"),
@@ -69,6 +73,20 @@ def test_where_units_and_axes_come_from() -> None:
         ("frames in", "cm, y up, facing z, given"),
     ]
     assert lying_facts(None, Axes())[1] == ("axes", "y up, facing z, assumed")
+
+
+def test_units_and_axes_that_a_file_states_are_told_as_the_file_s() -> None:
+    said = Axes().of_file(FileAxes("z", 0.01))
+    assert lying_facts(BODY, said, {"frames": said, "garment": None}) == [
+        ("units", "cm, from the file"),
+        ("axes", "z up, facing -y, from the file"),
+    ]
+    in_metres = Axes("y", "z", 1.0, frozenset({"up"})).of_file(FileAxes("z", 1.0))
+    assert lying_facts(None, in_metres, {"frames": said}) == [
+        ("units", "metres, from the file"),
+        ("axes", "y up, facing z, given"),
+        ("frames in", "cm, z up, facing -y, from the file"),
+    ]
 
 
 def test_what_a_mesh_is_made_of() -> None:

@@ -183,3 +183,26 @@ def test_many_lines_are_read_as_few(tmp_path):
     for mesh in (whole, parts):
         np.testing.assert_array_equal(mesh.vertices, places)
         assert mesh.faces.tolist() == wanted
+
+
+@pytest.mark.parametrize("library", ["looks/s.mtl", ".\\looks\\s.mtl"])
+def test_a_library_in_another_folder_names_its_images_from_there(tmp_path, library):
+    (tmp_path / "looks").mkdir()
+    for image in ("looks/weave.png", "wool.png"):
+        (tmp_path / image).write_bytes(b"\x89PNG\r\n\x1a\n")
+    (tmp_path / "looks/s.mtl").write_text("newmtl red\nmap_Kd weave.png\nnewmtl blue\nmap_Kd wool.png\n")
+    text = b"mtllib " + library.encode() + b"\n" + TRIANGLE + b"usemtl red\nf 1 2 3\n"
+    mtl = read(tmp_path, text).surface.mtl
+    assert textures(mtl) == [str(tmp_path / "looks/weave.png"), str(tmp_path / "wool.png")]
+
+
+@pytest.mark.parametrize("folder", ["C:\\Users\\me\\", "/home/me/", "\\\\server\\share\\"])
+def test_full_paths_of_another_machine_mean_what_lies_beside(tmp_path, folder):
+    (tmp_path / "weave.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    (tmp_path / "s.mtl").write_text(
+        f"newmtl red\nKd 1 0 0\nmap_Kd -s 2 2 1 {folder}weave.png\nbump {folder}none.png\n"
+    )
+    text = f"mtllib {folder}s.mtl\n".encode() + TRIANGLE + b"usemtl red\nf 1 2 3\n"
+    assert read(tmp_path, text).surface.mtl == (
+        f"newmtl red\nKd 1 0 0\nmap_Kd -s 2 2 1 {tmp_path / 'weave.png'}\nbump none.png\n"
+    )

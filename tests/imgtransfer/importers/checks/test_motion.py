@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from imgtransfer.cli.main import main
-from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, MotionAxes, usual_facing
+from imgtransfer.importers.checks.axes import AXES, UNITS, Axes, InMetres, MotionAxes, usual_facing
 from imgtransfer.importers.checks.motion import check_motion, motion_facts, note_motion
 from render import InputError, Mesh, MeshSequence
 from tests.helpers.import_examples import standing_body, vest, write_mdd, write_obj, write_pc2
@@ -34,6 +34,10 @@ def sequence(moved: np.ndarray, mesh: Mesh = BODY) -> MeshSequence:
     return MeshSequence.of_array(mesh, moved, source="walk.pc2")
 
 
+def taken(moved: np.ndarray, mesh: Mesh = BODY, lay: Axes = METRES) -> InMetres:
+    return InMetres(sequence(moved, mesh), lay, lay)
+
+
 def in_file(points: np.ndarray, axes: Axes) -> np.ndarray:
     return points @ axes.rotation / axes.scale
 
@@ -43,7 +47,7 @@ def test_an_upright_body_of_the_same_size_has_no_fault() -> None:
     assert facts is not None
     assert facts.size == pytest.approx(1)
     assert facts.up is None
-    assert check_motion([sequence(walked(BODY))], [METRES]) == []
+    assert check_motion([taken(walked(BODY))]) == []
 
 
 @pytest.mark.parametrize("up", [axis for axis in AXES if axis != "y"])
@@ -53,22 +57,22 @@ def test_frames_with_another_axis_up_name_it_as_their_file_does(up: str, lay: Ax
     if up == lay.up:
         up = "y"
     theirs = in_file(walked(BODY), Axes(up, usual_facing(up) if up[-1] != "z" else "x"))
-    (fault,) = check_motion([sequence(lay.apply(theirs))], [lay])
+    (fault,) = check_motion([taken(lay.apply(theirs), lay=lay)])
     assert (fault.kind, fault.severe) == ("axes", True)
     assert fault.text.endswith(f"its frames all lie, with {up} up: add motion_up={up!r}")
 
 
 @pytest.mark.parametrize("unit", ["cm", "mm", "in", "ft"])
 def test_frames_in_other_units_than_the_rest_mesh(unit: str) -> None:
-    (fault,) = check_motion([sequence(walked(BODY) / UNITS[unit])], [METRES])
+    (fault,) = check_motion([taken(walked(BODY) / UNITS[unit])])
     assert fault.text.endswith(f"in other units: add motion_unit={unit!r}")
-    (fault,) = check_motion([sequence(walked(BODY) * 3)], [METRES])
+    (fault,) = check_motion([taken(walked(BODY) * 3)])
     assert "its frames are 3 times as large as body.obj" in fault.text
     assert fault.text.endswith("export both in the same units")
 
 
 def test_both_at_once() -> None:
-    faults = check_motion([sequence(in_file(walked(BODY), Axes("z", "-y", 0.01)))], [METRES])
+    faults = check_motion([taken(in_file(walked(BODY), Axes("z", "-y", 0.01)))])
     assert [fault.text.rpartition(": ")[2] for fault in faults] == [
         "add motion_unit='cm'",
         "add motion_up='z'",
@@ -77,18 +81,16 @@ def test_both_at_once() -> None:
 
 def test_somebody_who_lies_down_or_gets_up_is_no_fault() -> None:
     lying = in_file(walked(BODY), Axes("z", "-y"))
-    assert check_motion([sequence(np.concatenate([lying, walked(BODY)]))], [METRES]) == []
+    assert check_motion([taken(np.concatenate([lying, walked(BODY)]))]) == []
     turning = np.concatenate([lying, in_file(walked(BODY), Axes("x", "z"))])
-    assert check_motion([sequence(turning)], [METRES]) == []
+    assert check_motion([taken(turning)]) == []
 
 
 def test_a_garment_alone_that_lies_gets_no_flag_that_would_turn_the_body_too() -> None:
     lying = in_file(walked(VEST), Axes("z", "-y"))
-    (fault,) = check_motion([sequence(walked(BODY)), sequence(lying, VEST)], [METRES, METRES])
+    (fault,) = check_motion([taken(walked(BODY)), taken(lying, VEST)])
     assert fault.text.endswith("export both with the same axis up")
-    (both,) = check_motion(
-        [sequence(in_file(walked(BODY), Axes("z", "-y"))), sequence(lying, VEST)], [METRES, METRES]
-    )
+    (both,) = check_motion([taken(in_file(walked(BODY), Axes("z", "-y"))), taken(lying, VEST)])
     assert "upright in body.obj" in both.text
     assert "upright in vest.obj" in both.text
     assert both.text.count("add motion_up='z'") == 1
@@ -101,14 +103,14 @@ def test_shapes_that_tell_nothing_and_vertices_that_no_face_uses() -> None:
     assert motion_facts(sequence(np.zeros((2, 3, 3)), point)) is None
     far = Mesh(np.concatenate([BODY.vertices, [[50.0, 0, 0]]]), BODY.faces)
     moved = np.concatenate([walked(BODY), np.tile([0.0, 0, 900.0], (4, 1, 1))], axis=1)
-    assert check_motion([sequence(moved, far)], [METRES]) == []
+    assert check_motion([taken(moved, far)]) == []
 
 
 def test_programs_that_go_on_note_what_lies_and_refuse_other_units(caplog: pytest.LogCaptureFixture) -> None:
-    note_motion([sequence(in_file(walked(BODY), Axes("z", "-y")))], [METRES])
+    note_motion([taken(in_file(walked(BODY), Axes("z", "-y")))])
     assert "note: walk.pc2: upright in body.obj, but its frames all lie, with z up" in caplog.text
     with pytest.raises(InputError, match=r"other units: add motion_unit='cm'$"):
-        note_motion([sequence(walked(BODY) * 100)], [METRES])
+        note_motion([taken(walked(BODY) * 100)])
 
 
 def test_how_frames_lie_beside_their_rest_mesh() -> None:
@@ -203,7 +205,7 @@ def test_fuse_reads_a_cache_as_the_mesh_beside_it_lies(
 def test_a_rest_mesh_that_lies_is_named_before_its_frames(caplog: pytest.LogCaptureFixture) -> None:
     rest = Mesh(in_file(BODY.vertices, Axes("z", "-y")), BODY.faces, "rest.obj")
     aside = in_file(walked(BODY), Axes("z", "x"))
-    note_motion([MeshSequence.of_array(rest, aside, source="walk.pc2")], [METRES])
+    note_motion([taken(aside, rest)])
     assert "rest.obj: stands along z and faces -y: add up='z' facing='-y'" in caplog.text
     assert "walk.pc2" not in caplog.text
 

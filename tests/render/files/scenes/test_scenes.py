@@ -97,6 +97,14 @@ def test_several_meshes_are_listed_and_chosen_by_name_or_path(suffix: str, tmp_p
         opened(path, "shirts")
 
 
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_some_frames_are_those_of_all(suffix: str, tmp_path: Path) -> None:
+    frames = SQUARE + np.arange(7)[:, None, None] * np.array([0, 0, 1.0])
+    sequence = opened(written(suffix, tmp_path, {"/shirt": Written(frames, np.arange(7) / 24)}))
+    np.testing.assert_array_equal(sequence.frames([1, 4, 6]), sequence.vertices()[[1, 4, 6]])
+    np.testing.assert_array_equal(sequence.frame(5), frames[5])
+
+
 def test_a_name_means_itself_before_what_lies_in_it() -> None:
     names = ["/a/shirt", "/b/shirt/shape", "/shirts"]
     assert matching(names, "shirt") == ["/a/shirt"]
@@ -155,6 +163,9 @@ def test_a_mesh_that_changes_is_refused_with_its_frame(suffix: str, tmp_path: Pa
     sequence = opened(path)
     with pytest.raises(InputError, match="/shirt: other polygons in frame 2 than in the first"):
         sequence.vertices()
+    np.testing.assert_array_equal(sequence.frames([0, 1]), [SQUARE, SQUARE])  # reads no further
+    with pytest.raises(InputError, match="/shirt: other polygons in frame 2 than in the first"):
+        sequence.frames([0, 2])
 
 
 def test_usd_says_its_unit_its_axis_and_its_winding(tmp_path: Path) -> None:
