@@ -90,8 +90,9 @@ class FrameSolver:
         weighted: bool,
     ) -> None:
         self._config, self._device, self._threads, self._weighted = config, device, threads, weighted
-        self._topology = Topology(rest_mesh(inputs.rest, imager.mesh))
-        self._weights = InitialWeights(imager) if inputs.maps.positions is not None else None
+        shape = rest_mesh(inputs.rest, imager.mesh)
+        self._topology = Topology(shape)
+        self._weights = InitialWeights(imager, shape) if inputs.maps.positions is not None else None
         self._seen = torch.from_numpy(imager.visible.any(axis=0)).to(device)
         self._pixel_faces = PixelFaces.of(imager.raster, self._topology)
         self._fixed: torch.Tensor | None = None
@@ -242,10 +243,18 @@ class FrameSolver:
         return vertices if change is None else vertices + change
 
     def _result(self, stage: str, before: torch.Tensor, solved: SolverResult) -> torch.Tensor:
-        """The stage's result; for a warm start, what it changed is kept for the next frame."""
+        """The stage's result, layers that no view sees against the cloth next to them again.
+
+        For a warm start, what the stage changed is kept for the next frame.
+        """
         if self._config.warm_start:
             self._changes[stage] = solved.vertices - before
-        return solved.vertices
+        if self._weights is None:
+            return solved.vertices
+        vertices = self._weights.put_back(solved.vertices)
+        return (
+            vertices if self._fixed is None else torch.where(self._fixed[:, None], solved.vertices, vertices)
+        )
 
     def _cleared(
         self, vertices: torch.Tensor, obstacle: _CachedObstacle
