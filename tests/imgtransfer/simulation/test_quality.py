@@ -21,8 +21,8 @@ def quality_of(frames, body=None, before=None, after=None, fps=30.0):
     body = np.tile(CORNERS, (len(frames), 1, 1)) if body is None else body
     outside = np.full(frames.shape[:2], 0.1)
     return measure(
-        SHEET, frames, body, FACES, before=outside if before is None else before, after=outside if after is None else after,
-        fps=fps,
+        SHEET, frames, body, FACES, fps=fps,
+        before=outside if before is None else before, after=outside if after is None else after,
     )  # fmt: skip
 
 
