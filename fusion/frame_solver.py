@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from fusion.config import FusionConfig
+from fusion.crossing_report import CrossingFractions, CrossingReport
 from fusion.initialise import InitialWeights, Readings
 from fusion.input_checks import rest_mesh
 from fusion.inputs import FusionInputs
@@ -103,6 +104,9 @@ class FrameSolver:
         self._obstacles: SimpleQueue[_CachedObstacle | None] = SimpleQueue()
         for _ in range(threads):
             self._obstacles.put(_obstacle(inputs, config, device))
+        self._crossings: SimpleQueue[CrossingReport] = SimpleQueue()  # as the obstacles
+        for _ in range(threads):
+            self._crossings.put(CrossingReport(imager.mesh, inputs, device))
         self._solver = self._make_solver(with_normals=inputs.maps.normals is not None)
         self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
 
@@ -181,14 +185,25 @@ class FrameSolver:
             with watch.stage("normal"):
                 stages["normal"] = self._solver.normal_stage(problem)
             vertices = self._result("normal", vertices, stages["normal"])
-        inside = None
+        inside, moved = None, vertices
         if obstacle is not None:
             with watch.stage("clearance"):
                 vertices, inside = self._cleared(vertices, obstacle)
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
         solved = _array(vertices)
         check_finite(solved, "fuse: the result", first=inputs.first_frame)
-        return BatchResult(solved, _array(initial), stages, unseen, inside)
+        with watch.stage("crossings"):
+            crossing = self._crossing_fractions(moved, vertices, inputs)
+        return BatchResult(solved, _array(initial), stages, unseen, inside, crossing)
+
+    def _crossing_fractions(
+        self, before: torch.Tensor, after: torch.Tensor, inputs: FusionInputs
+    ) -> CrossingFractions:
+        report = self._crossings.get()
+        try:
+            return report.fractions(before, after, inputs)
+        finally:
+            self._crossings.put(report)
 
     def _make_solver(self, *, with_normals: bool) -> Solver:
         config = self._config

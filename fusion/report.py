@@ -29,6 +29,11 @@ class Statistics:
         self._frames = 0
         self._stages = {name: _StageSums() for name in _WEIGHTS}
         self._unseen = 0.0
+        self._crossing_frames = 0  # in which crossings were counted
+        self._self_crossing = 0.0
+        self._crossing: np.ndarray | None = (
+            None  # sums of the fractions before and after the clean-up, as below
+        )
         self._inside: np.ndarray | None = None  # sums of the fractions before and after the clean-up
 
     def add(self, batch: BatchResult) -> None:
@@ -37,9 +42,10 @@ class Statistics:
         for name, solved in batch.stages.items():
             self._stages[name].add(solved)
         self._unseen += float(batch.unseen.sum(dtype=np.float64))
-        if batch.inside is not None:
-            sums = np.array([fraction.sum(dtype=np.float64) for fraction in batch.inside])
-            self._inside = sums if self._inside is None else self._inside + sums
+        self._crossing_frames += len(batch.crossing.itself)
+        self._self_crossing += float(batch.crossing.itself.sum(dtype=np.float64))
+        self._crossing = _added(self._crossing, batch.crossing.body)
+        self._inside = _added(self._inside, batch.inside)
 
     def report(self, *, history: bool) -> dict[str, Any]:
         """Plain numbers by name, see `FusionResult`; with `history` the terms at every iteration, too."""
@@ -48,10 +54,10 @@ class Statistics:
         iterations: dict[str, float] = {}
         curves: dict[str, dict[str, list[float]]] = {}
         for stage, weigh in _WEIGHTS.items():
-            sums = self._stages[stage]
-            if not sums.frames:
+            stage_sums = self._stages[stage]
+            if not stage_sums.frames:
                 continue
-            curve = sums.curves()
+            curve = stage_sums.curves()
             weights = weigh(self._config)
             total = np.sum([weights[name] * values for name, values in curve.items()], axis=0)
             ends = {"start": 0, "end": -1}
@@ -59,7 +65,7 @@ class Statistics:
                 when: {name: float(values[k]) for name, values in curve.items()} for when, k in ends.items()
             }
             totals[stage] = {when: float(total[k]) for when, k in ends.items()}
-            iterations[stage] = sums.iterations / sums.frames
+            iterations[stage] = stage_sums.iterations / stage_sums.frames
             curves[stage] = {name: values.tolist() for name, values in (*curve.items(), ("total", total))}
         report: dict[str, Any] = {
             "solver": self._config.solver,
@@ -68,11 +74,24 @@ class Statistics:
             "total": totals,
             "iterations": iterations,
             "unseen_percent": 100 * self._unseen / self._frames,
+            "self_crossing_percent": 100 * self._self_crossing / self._crossing_frames,
         }
-        if self._inside is not None:
-            before, after = (100 * self._inside / self._frames).tolist()
-            report["penetration_percent"] = {"before_clearance": before, "after": after}
+        for name, sums, frames in (
+            ("penetration_percent", self._inside, self._frames),
+            ("crossing_percent", self._crossing, self._crossing_frames),
+        ):
+            if sums is not None:
+                before, after = (100 * sums / frames).tolist()
+                report[name] = {"before_clearance": before, "after": after}
         return report | ({"history": curves} if history else {})
+
+
+def _added(sums: np.ndarray | None, fractions: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray | None:
+    """Sums over frames of two fractions, with those of another batch; None where there are none."""
+    if fractions is None:
+        return sums
+    more = np.array([fraction.sum(dtype=np.float64) for fraction in fractions])
+    return more if sums is None else sums + more
 
 
 class _StageSums:

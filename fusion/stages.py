@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from fusion.config import FusionConfig
+from fusion.crossing_report import CrossingFractions
 from fusion.obstacles.sdf import Obstacle
 
 CENTIMETRES = 100.0  # in a metre; the unit of lengths that the weights are made for
@@ -65,6 +66,7 @@ class BatchResult:
         stages: what the solver returned, by stage.
         unseen: (T,) fraction of the vertices that were not read from the maps.
         inside: (T,) fractions of the vertices below an obstacle's surface before and after the clean-up.
+        crossing: edges that pass through the body or the garment itself.
     """
 
     vertices: np.ndarray
@@ -72,6 +74,7 @@ class BatchResult:
     stages: dict[str, SolverResult]
     unseen: np.ndarray
     inside: tuple[np.ndarray, np.ndarray] | None
+    crossing: CrossingFractions
 
 
 class Solver(Protocol):

@@ -103,8 +103,10 @@ class FusionResult:
         report: plain numbers by name, means over frames: `solver`; `terms` at the start and end of each stage
             (unweighted, lengths in metres) and `total`, their weighted sum; `iterations` by stage;
             `unseen_percent` of the vertices, `penetration_percent` before and after the clean-up (where there is a
-            body or a garment beneath); `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads
-            together: setup, start, edge, normal, clearance); `history` on request: by stage and term (or "total")
+            body or a garment beneath), `crossing_percent` (with a body) before and after it, `self_crossing_percent`,
+            both of every fourth frame;
+            `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads together: setup, start, edge,
+            normal, clearance, crossings); `history` on request: by stage and term (or "total")
             a list with one value an iteration, from before the first to after the last.
     """
 

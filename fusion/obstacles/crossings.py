@@ -113,22 +113,20 @@ class EdgeCrossings:
             raise InputError(f"{len(points)} frames of edges, {len(posed)} of faces")
         points = points.to(posed.device, torch.float32)
         starts, ends = points[:, self._edges[:, 0]], points[:, self._edges[:, 1]]
-        row, face = self._pairs(starts, ends.reshape(-1, 3).contiguous(), len(posed))
+        row, face = self._pairs(starts, ends.reshape(-1, 3).contiguous())
         frame, edge = row // max(1, len(self._edges)), row % max(1, len(self._edges))
         corners = posed[frame[:, None], self._faces[face]].double()
         along, weights, outwards = _places(starts[frame, edge].double(), ends[frame, edge].double(), corners)
         return Crossings(frame, edge, face, along, weights, outwards, len(posed), len(self._edges))
 
-    def _pairs(
-        self, starts: torch.Tensor, ends: torch.Tensor, n_frames: int
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def _pairs(self, starts: torch.Tensor, ends: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(C,) rows of edges, frame by frame, and the faces that they pass through; both sorted."""
         from fusion.obstacles.crossing_kernels import passed_faces  # noqa: PLC0415 (heavy)
 
         device = starts.device
         counts = torch.full((len(ends),), -1, dtype=torch.int32, device=device)
         places = counts.clone()
-        own = self._own.repeat(n_frames, 1)
+        own = self._own.repeat(len(starts), 1)
         flat = self._bvh.points(starts)
         nowhere = torch.zeros(1, dtype=torch.int32, device=device)
         self._bvh.launch(passed_faces, flat, [nowhere], [ends, own, places, counts], count=len(flat))

@@ -44,6 +44,14 @@ def fusion_table(report: Mapping[str, Any]) -> str:
         lines.append(
             f"inside   {inside['before_clearance']:.3f} % of the vertices, {inside['after']:.3f} % after the clean-up"
         )
+    crossing = f"{report['self_crossing_percent']:.3f} % of the edges pass through the garment itself"
+    if "crossing_percent" in report:
+        body = report["crossing_percent"]
+        crossing = (
+            f"{body['before_clearance']:.3f} % of the edges with the body, {body['after']:.3f} % after the "
+        )
+        crossing += f"clean-up; {report['self_crossing_percent']:.3f} % with the garment itself"
+    lines.append(f"crossing {crossing}")
     stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["stage_seconds"].items())
     lines.append(f"seconds  {report['seconds']:.2f} for {report['frames']} frames: {stages}")
     return "\n".join(lines)

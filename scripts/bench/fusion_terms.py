@@ -49,6 +49,7 @@ COLUMNS = {
     "hausdorff_mm": "Hausdorff (mm)",
     "sted": "STED",
     "penetration_percent": "inside body (%)",
+    "crossing_percent": "crossing body (%)",
 }
 
 
@@ -112,7 +113,9 @@ def table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
         for row, values in by_row.items()
     ]
     headers = ["solver", "terms", *COLUMNS.values()]
-    return tabulate(rows, headers=headers, tablefmt="github", floatfmt=("", "", ".2f", ".2f", ".4f", ".3f"))
+    return tabulate(
+        rows, headers=headers, tablefmt="github", floatfmt=("", "", ".2f", ".2f", ".4f", ".3f", ".3f")
+    )
 
 
 def command() -> None:

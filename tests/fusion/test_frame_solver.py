@@ -120,7 +120,7 @@ def test_a_batch_tells_what_was_not_read_and_how_long_each_stage_took():
     assert result.vertices.dtype == result.initial.dtype == np.float32
     assert result.vertices.flags.c_contiguous
     assert (result.stages, result.inside) == ({}, None)
-    assert set(watch.seconds) == {"start"}
+    assert set(watch.seconds) == {"start", "crossings"}
 
 
 @pytest.mark.parametrize("batch", [2, 4])

@@ -8,13 +8,16 @@ import pytest
 import torch
 
 from fusion import FusionConfig
+from fusion.crossing_report import CrossingFractions, CrossingReport
+from fusion.obstacles import body_crossing_fractions
 from fusion.report import Statistics, Stopwatch
 from fusion.stages import BatchResult, SolverResult
+from tests.helpers.fusion_examples import cylinder_body, inputs_of, tube
 
 CONFIG = FusionConfig(weight_displacement=1.0)  # weights 1e4 of both terms of the first stage
 
 
-def batch(edge=None, *, unseen, inside=None):
+def batch(edge=None, *, unseen, inside=None, crossing=None, itself=None):
     """A batch by its curve of the edge term (K, T) in cm² (the displacement term is 1 cm² all along)."""
     stages = {}
     if edge is not None:
@@ -24,7 +27,9 @@ def batch(edge=None, *, unseen, inside=None):
         stages["edge"] = SolverResult(torch.zeros(0), history, steps)
     vertices = np.zeros((len(unseen), 2, 3), np.float32)
     inside = None if inside is None else tuple(np.array(part) for part in inside)
-    return BatchResult(vertices, vertices, stages, np.array(unseen), inside)
+    crossing = None if crossing is None else tuple(np.array(part) for part in crossing)
+    fractions = CrossingFractions(crossing, np.zeros(len(unseen)) if itself is None else np.array(itself))
+    return BatchResult(vertices, vertices, stages, np.array(unseen), inside, fractions)
 
 
 def reported(*batches, config=CONFIG, history=True):
@@ -75,10 +80,20 @@ def test_penetration_is_told_before_and_after_the_clean_up():
     assert report["penetration_percent"] == pytest.approx({"before_clearance": 30, "after": 10})
 
 
+def test_crossings_are_told_before_and_after_the_clean_up():
+    report = reported(
+        batch(unseen=[0.0, 0.0], crossing=([0.5, 0.3], [0.0, 0.1]), itself=[0.25, 0.0]),
+        batch(unseen=[0.0], crossing=([0.1], [0.2]), itself=[0.5]),
+    )
+    assert report["crossing_percent"] == pytest.approx({"before_clearance": 30, "after": 10})
+    assert report["self_crossing_percent"] == pytest.approx(25)
+
+
 def test_what_did_not_happen_is_not_reported():
     report = reported(batch(unseen=[0.0]), history=False)
     assert (report["terms"], report["total"], report["iterations"]) == ({}, {}, {})
     assert "penetration_percent" not in report
+    assert "crossing_percent" not in report
     assert "history" not in report
     assert reported(batch(unseen=[0.0]))["history"] == {}
 
@@ -121,3 +136,24 @@ def test_a_stage_that_fails_is_not_swallowed():
     with pytest.raises(ZeroDivisionError), watch.stage("edge"):
         raise ZeroDivisionError
     assert watch.seconds == {}
+
+
+@pytest.mark.parametrize("size", [1, 3, 9])
+def test_every_fourth_frame_of_the_clip_is_looked_at_however_it_is_cut(size):
+    """A leaning tube whose body is too wide in frame 4 alone, of nine."""
+    mesh, body = tube(), cylinder_body()
+    cloth = torch.from_numpy(np.stack([mesh.vertices] * 9)).float()
+    bodies = np.stack([body.vertices] * 9)
+    bodies[4] *= [1.2, 1, 1]
+    bodies[5] *= [1.3, 1, 1]
+    inputs = inputs_of(initial=cloth, body=(bodies, body.faces))
+    report = CrossingReport(mesh, inputs, torch.device("cpu"))
+    found = []
+    for first in range(0, 9, size):
+        part = inputs.part(slice(first, first + size))
+        found.append(report.fractions(cloth[first : first + size] + 10, cloth[first : first + size], part))
+    before, after = (np.concatenate([part.body[k] for part in found if part.body]) for k in (0, 1))
+    assert before.tolist() == [0, 0, 0]  # ten metres away
+    assert (after > 0).tolist() == [False, True, False]
+    assert after[1] == body_crossing_fractions(cloth[4:5].numpy(), mesh.faces, bodies[4:5], body.faces)[0]
+    assert np.concatenate([part.itself for part in found]).tolist() == [0, 0, 0]

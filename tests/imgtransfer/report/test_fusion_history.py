@@ -20,6 +20,7 @@ def report(**changes):
     }
     rest = {
         "unseen_percent": 12.25,
+        "self_crossing_percent": 0.5,
         "stage_seconds": {"edge": 1.25, "normal": 2.0},
         "seconds": 3.5,
         "frames": 7,
@@ -40,17 +41,23 @@ def test_residuals_are_in_millimetres_where_they_are_lengths():
 
 
 def test_the_lines_below_the_table():
-    assert fusion_table(report()).splitlines()[-2:] == [
+    assert fusion_table(report()).splitlines()[-3:] == [
         "unseen   12.25 % of the vertices are in no view",
+        "crossing 0.500 % of the edges pass through the garment itself",
         "seconds  3.50 for 7 frames: edge 1.25, normal 2.00",
     ]
     inside = fusion_table(report(penetration_percent={"before_clearance": 4.5, "after": 0.0}))
     assert "inside   4.500 % of the vertices, 0.000 % after the clean-up" in inside
+    crossing = fusion_table(report(crossing_percent={"before_clearance": 2.0, "after": 1.0}))
+    assert (
+        "crossing 2.000 % of the edges with the body, 1.000 % after the clean-up; 0.500 % with the garment itself"
+        in crossing
+    )
 
 
 def test_a_report_without_stages_has_no_table():
     lines = fusion_table(report(terms={}, stage_seconds={})).splitlines()
-    assert [line.split()[0] for line in lines] == ["unseen", "seconds"]
+    assert [line.split()[0] for line in lines] == ["unseen", "crossing", "seconds"]
 
 
 @pytest.mark.parametrize("temporal", [0.0, 1.0])
@@ -59,7 +66,7 @@ def test_every_term_that_a_fusion_minimises_has_a_name(temporal):
     for stage, weights in (("edge", edge_weights(config)), ("normal", normal_weights(config))):
         assert set(weights) <= set(TERMS)
         terms = {stage: {end: dict.fromkeys(weights, 1e-4) for end in ("start", "end")}}
-        assert len(fusion_table(report(terms=terms)).splitlines()) == 2 + len(weights) + 2
+        assert len(fusion_table(report(terms=terms)).splitlines()) == 2 + len(weights) + 3
 
 
 FALL = np.geomspace(1e-4, 1e-6, 20)
