@@ -113,7 +113,43 @@ class MeshSequence:
             mapped: np.ndarray = function(self.frame(number)[None], number)[0]
             return mapped
 
-        return replace(self, mesh=mesh, parts=parts, read_frame=read_frame)
+        return replace(self, mesh=mesh, parts=parts, read_frame=read_frame if self.read_frame else None)
+
+    def selected(self, frames: slice) -> MeshSequence:
+        """The sequence with only some frames, in their order."""
+        numbers = range(self.n_frames)[frames]
+        if numbers == range(self.n_frames):
+            return self
+
+        def parts(count: int) -> Iterator[np.ndarray]:
+            vertices = self._in_turn(numbers)
+            while part := list(islice(vertices, count)):
+                yield np.stack(part)
+
+        read_frame = self.read_frame
+        return replace(
+            self,
+            n_frames=len(numbers),
+            parts=parts,
+            frame_names=None
+            if self.frame_names is None
+            else [self.frame_names[number] for number in numbers],
+            read_frame=None if read_frame is None else lambda number: read_frame(numbers[number]),
+        )
+
+    def _in_turn(self, numbers: range) -> Iterator[np.ndarray]:
+        """(N, 3) vertices of rising frames; those between them are not read where that can be."""
+        if self.read_frame is not None and (len(numbers) == 1 or numbers.step > 1):
+            yield from map(self.read_frame, numbers)
+            return
+        first = 0
+        for part in self.parts(_FRAMES_AT_ONCE):
+            yield from (
+                part[number - first] for number in range(first, first + len(part)) if number in numbers
+            )
+            first += len(part)
+            if first >= numbers.stop:
+                return
 
     def at_rest(self, rest: Mesh, owner: str = "sequence") -> MeshSequence:
         """The sequence with its mesh in the rest pose.
