@@ -30,6 +30,10 @@ class RootFrames:
     rotation: np.ndarray
     translation: np.ndarray
 
+    def part(self, frames: slice) -> RootFrames:
+        """Those of some frames."""
+        return RootFrames(self.rotation[frames], self.translation[frames])
+
     def to_canonical(self, points: np.ndarray) -> np.ndarray:
         """(T, N, 3) world -> (T, N, 3) canonical, float32."""
         return np.einsum("tba,tnb->tna", self.rotation, points - self.translation[:, None]).astype(np.float32)

@@ -12,7 +12,17 @@ import torch
 
 from imgtransfer.pipeline.scene import Scene
 from imgtransfer.report.map_pictures import difference_sheet, frames_sheet, template_sheet
-from render import InputError, MapFile, Option, PositionBox, TemplateImager, write_png, written_maps
+from render import (
+    InputError,
+    MapFile,
+    Mesh,
+    MeshSequence,
+    Option,
+    PositionBox,
+    TemplateImager,
+    write_png,
+    written_maps,
+)
 from render.files.atomic import written_whole_folder
 from render.pictures import map_sheet
 from render.views import ViewsSpec
@@ -67,16 +77,18 @@ def render_scene(
     framed = TemplateImager.build(
         scene.framed, views=options.views, size=options.size, layers=options.layers, backend=options.backend
     )
-    points = {name: scene.frames.to_canonical(moved.vertices()) for name, moved in scene.meshes.items()}
-    box = PositionBox.around(points["garment" if "garment" in points else "body"])
+    canonical = scene.canonical()
+    box = _box_around(canonical["garment" if "garment" in canonical else "body"])
     shown = sorted({round(i * (scene.n_frames - 1) / (SHEET_FRAMES - 1)) for i in range(SHEET_FRAMES)})
+    surfaces = []
     with written_whole_folder(target) as folder:
-        for name, moved in scene.meshes.items():
+        for name, moved in canonical.items():
             imager = framed
             if moved.mesh is not scene.framed:
                 imager = TemplateImager.build(moved.mesh, cameras=framed.cameras, backend=options.backend)
             path = folder / (f"{name}.npz" if options.file_format == "npz" else name)
-            drawn = _write_maps(path, imager, points[name], box, scene=scene, shown=shown, progress=progress)
+            drawn, points = _write_maps(path, imager, moved, box, scene=scene, shown=shown, progress=progress)
+            surfaces.append((points, moved.mesh.faces))
             sheets = _sheets(
                 imager,
                 drawn,
@@ -87,13 +99,18 @@ def render_scene(
             )
             for what, picture in sheets.items():
                 write_png(folder / f"{name}_{what}.png", picture)
-        surfaces = [(points[name][shown], moved.mesh.faces) for name, moved in scene.meshes.items()]
         numbers = [scene.numbers[t] for t in shown]
         picture = frames_sheet(
             surfaces, list(scene.meshes), numbers, backend=options.backend, title=scene.name
         )
         write_png(folder / "frames.png", picture)
     return distances
+
+
+def _box_around(moving: MeshSequence) -> PositionBox:
+    """The position box of all frames."""
+    corners = [(part.min(axis=(0, 1)), part.max(axis=(0, 1))) for part in moving.parts(_BATCH)]
+    return PositionBox.around(np.stack(corners))
 
 
 def _sheets(
@@ -127,38 +144,41 @@ def _sheets(
 def _write_maps(
     path: Path,
     imager: TemplateImager,
-    vertices: np.ndarray,
+    moving: MeshSequence,
     box: PositionBox,
     *,
     scene: Scene,
     shown: list[int],
     progress: Callable[[int], object] | None,
-) -> MapFile:
-    """Write the maps of (T, N, 3) canonical vertices, some frames at a time; returns those of the frames `shown`."""
+) -> tuple[MapFile, np.ndarray]:
+    """Write the maps of canonical frames, some at a time; returns those of the frames `shown`, and their vertices."""
     kept: list[MapFile] = []
+    kept_vertices: list[np.ndarray] = []
+    first = 0
     with written_maps(path) as add:
-        for first in range(0, len(vertices), _BATCH):
-            some = slice(first, first + _BATCH)
-            position, normal = imager.maps(torch.from_numpy(vertices[some]), box)
+        for vertices in moving.parts(_BATCH):
+            frames = scene.frames.part(slice(first, first + len(vertices)))
+            position, normal = imager.maps(torch.from_numpy(vertices), box)
             maps = MapFile.of(
                 imager,
                 position=position.numpy(),
                 normal=normal.numpy(),
                 box=box,
-                rotation=scene.frames.rotation[some],
-                translation=scene.frames.translation[some],
+                rotation=frames.rotation,
+                translation=frames.translation,
                 fps=scene.fps,
             )
             add(maps)
-            kept += [
-                maps.part(slice(t - first, t - first + 1)) for t in shown if 0 <= t - first < maps.n_frames
-            ]
+            rows = [t - first for t in shown if 0 <= t - first < maps.n_frames]
+            kept += [maps.part(slice(row, row + 1)) for row in rows]
+            kept_vertices += [vertices[row] for row in rows]
+            first += maps.n_frames
             if progress is not None:
                 progress(maps.n_frames)
     together: dict[str, Any] = {
         name: np.concatenate([getattr(maps, name) for maps in kept]) for name in _SHEET_ARRAYS
     }
-    return replace(kept[0], **together)
+    return replace(kept[0], **together), np.stack(kept_vertices)
 
 
 def _distances(scene: Scene, against: Scene) -> dict[str, np.ndarray]:
@@ -168,17 +188,22 @@ def _distances(scene: Scene, against: Scene) -> dict[str, np.ndarray]:
         if name not in against.meshes:
             continue
         other = against.meshes[name]
-        if moved.vertices().shape != other.vertices().shape or not np.array_equal(
-            moved.mesh.faces, other.mesh.faces
-        ):
+        if moved.n_frames != other.n_frames or not _same_mesh(moved.mesh, other.mesh):
             raise InputError(
                 f"{Option('against')} {against.name}: its {name} has {other.n_frames} frames of "
                 f"{len(other.mesh.vertices)} vertices, or other triangles; {scene.name} has {moved.n_frames} of "
                 f"{len(moved.mesh.vertices)}"
             )
-        distances[name] = 1000 * np.linalg.norm(moved.vertices() - other.vertices(), axis=-1).astype(
-            np.float32
+        distances[name] = np.concatenate(
+            [
+                1000 * np.linalg.norm(one - two, axis=-1).astype(np.float32)
+                for one, two in zip(moved.parts(_BATCH), other.parts(_BATCH), strict=True)
+            ]
         )
     if not distances:
         raise InputError(f"{Option('against')} {against.name}: it has none of {', '.join(scene.meshes)}")
     return distances
+
+
+def _same_mesh(mesh: Mesh, other: Mesh) -> bool:
+    return len(mesh.vertices) == len(other.vertices) and np.array_equal(mesh.faces, other.faces)

@@ -10,13 +10,16 @@ from tqdm import tqdm
 
 from imgtransfer.data.canonical import RootFrames, RootMode, root_frames
 from imgtransfer.data.clip import Clip
-from imgtransfer.data.clip_parts import Body, Garment, Template
+from imgtransfer.data.clip_parts import Body, Template
 from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
 from imgtransfer.importers.checks.motion import note_motion
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.importers.summary import mesh_text, motion_text, size_text
 from render import InputError, Mesh, MeshSequence, Option
 from render.files.frame_files import is_pattern
+
+_MOST_IN_MEMORY = 1 << 28  # bytes of frames of mesh files; longer ones are read again when they are drawn
+_AT_ONCE = 16  # frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +29,7 @@ class Scene:
     Args:
         name: what folders and titles call it.
         framed: the mesh that the cameras are framed on: the garment's template.
-        meshes: by name, "garment", "body" or both, all of T frames, in memory.
+        meshes: by name, "garment", "body" or both, all of T frames; in memory, or read whenever they are needed.
         frames: T canonical frames.
         fps: frames a second.
         numbers: T, what the frames are called in pictures.
@@ -47,12 +50,16 @@ class Scene:
 
     def cut(self, frames: slice) -> Scene:
         """The scene with only some frames."""
-        meshes = {
-            name: MeshSequence.of_array(moving.mesh, moving.vertices()[frames])
-            for name, moving in self.meshes.items()
-        }
-        kept = RootFrames(self.frames.rotation[frames], self.frames.translation[frames])
-        return replace(self, meshes=meshes, frames=kept, numbers=self.numbers[frames])
+        meshes = {name: moving.selected(frames) for name, moving in self.meshes.items()}
+        return replace(self, meshes=meshes, frames=self.frames.part(frames), numbers=self.numbers[frames])
+
+    def canonical(self) -> dict[str, MeshSequence]:
+        """The meshes by name, all frames in the canonical frame, float32."""
+
+        def turned(vertices: np.ndarray, first: int) -> np.ndarray:
+            return self.frames.part(slice(first, first + len(vertices))).to_canonical(vertices)
+
+        return {name: moving.mapped(turned, moving.mesh) for name, moving in self.meshes.items()}
 
 
 def clip_scene(clip: Clip, root: RootMode) -> Scene:
@@ -110,30 +117,54 @@ def mesh_scene(
     if body is not None:
         moving.append(open_in_metres(body, "body", axes, body_template, motion=motion_axes, which=chosen[1]))
     note_motion(moving)
-    sequences = [one.sequence for one in moving]
-    taken = tuple(f"{motion_text(one)}; {mesh_text(one.mesh)}; {size_text(one.mesh)}" for one in sequences)
-    total = sum(sequence.n_frames for sequence in sequences)
-    with tqdm(total=total, desc="read", unit="frame", leave=False, disable=None) as bar:
-        garment, *dressed = [(weld_sequence(one) if welding else one).loaded(bar.update) for one in sequences]
-    name = template.stem if frames.is_dir() or is_pattern(frames) else frames.stem
-    if not dressed:
-        if root is not None:
-            raise InputError(
-                f"{Option('root')} {root}: there is no body to find the root's motion of; give {Option('body')}"
-            )
-        count = garment.n_frames
-        still = RootFrames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
-        return Scene(name, garment.mesh, {"garment": garment}, still, fps, range(count), taken)
-    (worn_by,) = dressed
-    clip = Clip(
-        template=Template(vertices=garment.mesh.vertices.astype(np.float32), faces=garment.mesh.faces),
-        garment=Garment(garment.vertices()),
-        body=Body(
-            rest=worn_by.mesh.vertices.astype(np.float32),
-            faces=worn_by.mesh.faces,
-            vertices=worn_by.vertices(),
-        ),
-        fps=fps,
-        name=name,
+    taken = tuple(
+        f"{motion_text(one)}; {mesh_text(one.mesh)}; {size_text(one.mesh)}"
+        for one in (opened.sequence for opened in moving)
     )
-    return replace(clip_scene(clip, root or "heading"), taken=taken)
+    sequences = [weld_sequence(one.sequence) if welding else one.sequence for one in moving]
+    if sum(12 * one.n_frames * len(one.mesh.vertices) for one in sequences) <= _MOST_IN_MEMORY:
+        with _reading(sum(one.n_frames for one in sequences)) as bar:
+            sequences = [one.loaded(bar.update) for one in sequences]
+    garment, *dressed = sequences
+    name = template.stem if frames.is_dir() or is_pattern(frames) else frames.stem
+    if dressed:
+        return replace(_dressed(name, garment, dressed[0], root or "heading", fps), taken=taken)
+    if root is not None:
+        raise InputError(
+            f"{Option('root')} {root}: there is no body to find the root's motion of; give {Option('body')}"
+        )
+    count = garment.n_frames
+    still = RootFrames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
+    return Scene(name, garment.mesh, {"garment": garment}, still, fps, range(count), taken)
+
+
+def _dressed(name: str, garment: MeshSequence, body: MeshSequence, root: RootMode, fps: float) -> Scene:
+    """The scene of a garment on a body, whose motion tells the root's."""
+    if garment.n_frames != body.n_frames:
+        raise InputError(
+            f"{name}: garment_vertices must have shape ({body.n_frames}, {len(garment.mesh.vertices)}, 3), found "
+            f"({garment.n_frames}, {len(garment.mesh.vertices)}, 3): as many frames as the body has"
+        )
+    template = Template(vertices=garment.mesh.vertices.astype(np.float32), faces=garment.mesh.faces)
+    rest = body.mesh.vertices.astype(np.float32)
+    found = []
+    with _reading(body.n_frames) as bar:
+        for part in body.parts(_AT_ONCE):
+            worn = Body(rest=rest, faces=body.mesh.faces, vertices=part)
+            found.append(
+                root_frames(Clip(template=template, garment=None, body=worn, fps=fps, name=name), root)
+            )
+            bar.update(len(part))
+    frames = RootFrames(
+        np.concatenate([one.rotation for one in found]), np.concatenate([one.translation for one in found])
+    )
+    framed = Mesh(template.vertices, template.faces, f"{name}: garment")
+    meshes = {
+        "body": replace(body, mesh=Mesh(rest, body.mesh.faces, f"{name}: body")),
+        "garment": replace(garment, mesh=framed),
+    }
+    return Scene(name, framed, meshes, frames, fps, range(body.n_frames))
+
+
+def _reading(n_frames: int) -> tqdm:
+    return tqdm(total=n_frames, desc="read", unit="frame", leave=False, disable=None)

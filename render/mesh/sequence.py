@@ -121,7 +121,45 @@ class MeshSequence:
             frames = zip(self.frames(numbers), numbers, strict=True)
             return np.concatenate([function(frame[None], number) for frame, number in frames])
 
-        return replace(self, mesh=mesh, parts=parts, read_frames=read_frames)
+        return replace(self, mesh=mesh, parts=parts, read_frames=read_frames if self.read_frames else None)
+
+    def selected(self, frames: slice) -> MeshSequence:
+        """The sequence with only some frames, in their order."""
+        numbers = range(self.n_frames)[frames]
+        if numbers == range(self.n_frames):
+            return self
+
+        def parts(count: int) -> Iterator[np.ndarray]:
+            vertices = self._in_turn(numbers)
+            while part := list(islice(vertices, count)):
+                yield np.stack(part)
+
+        read_frames = self.read_frames
+        names = self.frame_names
+        return replace(
+            self,
+            n_frames=len(numbers),
+            parts=parts,
+            frame_names=None if names is None else [names[number] for number in numbers],
+            read_frames=None
+            if read_frames is None
+            else lambda chosen: read_frames([numbers[number] for number in chosen]),
+        )
+
+    def _in_turn(self, numbers: range) -> Iterator[np.ndarray]:
+        """(N, 3) vertices of rising frames; those between them are not read where that can be."""
+        if self.read_frames is not None and (len(numbers) == 1 or numbers.step > 1):
+            for first in range(0, len(numbers), _FRAMES_AT_ONCE):
+                yield from self.read_frames(numbers[first : first + _FRAMES_AT_ONCE])
+            return
+        first = 0
+        for part in self.parts(_FRAMES_AT_ONCE):
+            yield from (
+                part[number - first] for number in range(first, first + len(part)) if number in numbers
+            )
+            first += len(part)
+            if first >= numbers.stop:
+                return
 
     def at_rest(self, rest: Mesh, owner: str = "sequence") -> MeshSequence:
         """The sequence with its mesh in the rest pose.

@@ -14,6 +14,7 @@ from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.data.clip_parts import Skeleton
 from imgtransfer.importers.checks.axes import Axes
+from imgtransfer.pipeline import scene as scene_module
 from imgtransfer.pipeline.scene import Scene, mesh_scene
 from render import MapFile, load_maps
 
@@ -124,6 +125,37 @@ def test_meshes_alone_stay_where_they_are(meshes: Path, tmp_path: Path, kind: st
     assert maps.position is not None
     seen, truth = maps.box.decode(maps.position[0][maps.mask]), tube_clip.garment.vertices[2]
     assert ((seen >= truth.min(0) - 1e-4) & (seen <= truth.max(0) + 1e-4)).all()
+
+
+def test_frames_too_many_for_memory_are_read_again_and_give_the_same_files(
+    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    body = ("--body", meshes / "body", "--body-template", meshes / "body.obj")
+    argv = (
+        meshes / "shirt",
+        "--template",
+        meshes / "shirt.obj",
+        *body,
+        "--frames",
+        "1:6:2",
+        "--against",
+        meshes / "shirt",
+    )
+    told = []
+    for place, most in (("memory", scene_module._MOST_IN_MEMORY), ("files", 0)):
+        monkeypatch.setattr(scene_module, "_MOST_IN_MEMORY", most)
+        assert render(*argv, "--out", tmp_path / place) == 0
+        told.append(capsys.readouterr().out.replace(place, ""))
+    assert told[0] == told[1]
+    names = sorted(file.name for file in (tmp_path / "memory/shirt").iterdir())
+    assert len(names) == 9
+    for name in names:
+        one, other = (tmp_path / place / "shirt" / name for place in ("memory", "files"))
+        if name.endswith(".png"):
+            assert one.read_bytes() == other.read_bytes()
+            continue
+        for field in fields(MapFile):
+            np.testing.assert_array_equal(*(getattr(load_maps(path), field.name) for path in (one, other)))
 
 
 def test_the_difference_of_two_sources_is_drawn_and_told(

@@ -62,6 +62,44 @@ def test_nothing_is_read_before_it_is_asked_for() -> None:
     assert loaded.frame_name(4) == "e"
 
 
+@pytest.mark.parametrize("random_access", [True, False])
+@pytest.mark.parametrize(
+    "frames", [slice(None), slice(1, 4), slice(0, 5, 2), slice(-2, None), slice(3, 4), slice(9, None)]
+)
+def test_some_frames_are_those_of_the_whole(frames: slice, random_access: bool) -> None:
+    moving = replace(MeshSequence.of_array(SQUARE, FRAMES, fps=24), frame_names=list("abcde"))
+    if not random_access:
+        moving = replace(moving, read_frame=None)
+    some = moving.selected(frames)
+    assert (some.n_frames, some.fps, some.mesh) == (len(FRAMES[frames]), 24, SQUARE)
+    assert "".join(some.frame_names) == "abcde"[frames]
+    for count in (1, 2, 9):
+        parts = list(some.parts(count))
+        assert all(len(part) == count for part in parts[:-1])
+        np.testing.assert_array_equal(np.concatenate([FRAMES[:0], *parts]), FRAMES[frames])
+    for number, frame in enumerate(FRAMES[frames]):
+        np.testing.assert_array_equal(some.frame(number), frame)
+
+
+def test_frames_that_are_not_wanted_are_not_read() -> None:
+    asked: list[int] = []
+
+    def seen(number: int) -> np.ndarray:
+        asked.append(number)
+        return FRAMES[number]
+
+    moving = replace(MeshSequence.of_array(SQUARE, FRAMES), read_frame=seen)
+    list(moving.selected(slice(0, None, 3)).parts(9))
+    assert asked == [0, 3]
+
+
+def test_a_mapped_sequence_has_single_frames_only_where_the_first_has() -> None:
+    moving = MeshSequence.of_array(SQUARE, FRAMES)
+    mapped = replace(moving, read_frame=None).mapped(lambda vertices, _: vertices, SQUARE)
+    assert mapped.read_frame is None
+    np.testing.assert_array_equal(mapped.frame(3), FRAMES[3])
+
+
 def test_the_rest_pose_must_be_the_same_mesh() -> None:
     moving = MeshSequence.of_array(SQUARE, FRAMES)
     rest = replace(SQUARE, vertices=SQUARE.vertices * 2, source="rest.obj")
