@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -69,7 +70,7 @@ def test_nothing_is_read_before_it_is_asked_for() -> None:
 def test_some_frames_are_those_of_the_whole(frames: slice, random_access: bool) -> None:
     moving = replace(MeshSequence.of_array(SQUARE, FRAMES, fps=24), frame_names=list("abcde"))
     if not random_access:
-        moving = replace(moving, read_frame=None)
+        moving = replace(moving, read_frames=None)
     some = moving.selected(frames)
     assert (some.n_frames, some.fps, some.mesh) == (len(FRAMES[frames]), 24, SQUARE)
     assert "".join(some.frame_names) == "abcde"[frames]
@@ -84,19 +85,19 @@ def test_some_frames_are_those_of_the_whole(frames: slice, random_access: bool) 
 def test_frames_that_are_not_wanted_are_not_read() -> None:
     asked: list[int] = []
 
-    def seen(number: int) -> np.ndarray:
-        asked.append(number)
-        return FRAMES[number]
+    def seen(numbers: Sequence[int]) -> np.ndarray:
+        asked.extend(numbers)
+        return FRAMES[list(numbers)]
 
-    moving = replace(MeshSequence.of_array(SQUARE, FRAMES), read_frame=seen)
+    moving = replace(MeshSequence.of_array(SQUARE, FRAMES), read_frames=seen)
     list(moving.selected(slice(0, None, 3)).parts(9))
     assert asked == [0, 3]
 
 
 def test_a_mapped_sequence_has_single_frames_only_where_the_first_has() -> None:
     moving = MeshSequence.of_array(SQUARE, FRAMES)
-    mapped = replace(moving, read_frame=None).mapped(lambda vertices, _: vertices, SQUARE)
-    assert mapped.read_frame is None
+    mapped = replace(moving, read_frames=None).mapped(lambda vertices, _: vertices, SQUARE)
+    assert mapped.read_frames is None
     np.testing.assert_array_equal(mapped.frame(3), FRAMES[3])
 
 
