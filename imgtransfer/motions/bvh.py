@@ -86,6 +86,9 @@ def read_bvh(
         turn = turns.get(name, np.eye(3))
         poses[:, joint] = rotations[:, numbers[name]] @ turn.T @ correction(name, numbers, rest, turn)
     trans = place @ world.T * (LEG_LENGTH / leg)
+    taken = "rest pose of the file" if at_rest else "joints along their bones, rest pose from the frames"
+    if not skeleton.moves(numbers["pelvis"]):
+        taken += "; no position channels down to the hips: the body stays in its place"
     with of_file(path):
         motion = Motion(local_poses(poses), trans, skeleton.fps, path.stem, LEG_LENGTH)
         summary = MotionSummary(
@@ -94,7 +97,7 @@ def read_bvh(
             skeleton.fps,
             axis_name(up),
             LEG_LENGTH / leg,
-            "rest pose of the file" if at_rest else "joints along their bones, rest pose from the frames",
+            taken,
             {name: text.names[numbers[name]] for name in JOINTS if name in numbers},
             tuple(joints or ()),
         )

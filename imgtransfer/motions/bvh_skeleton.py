@@ -51,6 +51,11 @@ class Skeleton:
             place = moved if parent < 0 else place + (self.rotations[:, parent] @ moved[..., None])[..., 0]
         return place
 
+    def moves(self, joint: int) -> bool:
+        """Whether the file has positions for a joint or one that it hangs from."""
+        chain = ancestors(joint, self.text.parents)
+        return any(channel.endswith("position") for above in chain for channel in self.text.channels[above])
+
 
 def read_skeleton(path: Path) -> Skeleton:
     """Read a BVH file.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import logging
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 from imgtransfer.motions.bvh_hierarchy import numbers, read_hierarchy
 from render import InputError
 from render.files.atomic import check_regular
+
+_log = logging.getLogger(__name__)
 
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 _MOTION = re.compile(
@@ -102,8 +105,14 @@ def _frames(path: Path, lines: list[str], announced: int, channels: int) -> np.n
         raise InputError(f"{path}: cut off, it announces {announced} frames and holds {len(lines)}")
     frames: list[list[float]] = []
     begun: list[float] = []
-    for line in lines:
+    for number, line in enumerate(lines):
         if len(frames) == announced:
+            _log.warning(
+                "note: %s: %d lines follow the %d frames that it announces, and are left out",
+                path,
+                len(lines) - number,
+                announced,
+            )
             break
         begun += numbers(path, line.split(), f"frame {len(frames)}")
         if len(begun) == channels:

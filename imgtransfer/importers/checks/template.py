@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.checks.findings import refuse
@@ -13,6 +15,7 @@ from imgtransfer.importers.checks.weld import weld
 from render import InputError, Mesh, Option
 from render.files.sequence import check_choice, load_file
 from render.mesh.measures import face_areas
+from render.mesh.surface import plain_surface
 
 _FLAT = 0.5e-12  # m², the area of a triangle with sides of a micrometre
 
@@ -54,20 +57,28 @@ def load_template(
     garment, lay = axes.of_mesh(loaded), axes.of_file(loaded.axes)
     faults = check_template(garment, body, given=body_axes, garment_given=lay, welding=welding)
     notes = refuse(faults, anyway=anyway)
-    mesh = weld(garment).mesh if welding else garment
+    mesh = _cloth_of(weld(garment).mesh if welding else garment)
     _check_cloth(mesh)
     return mesh, notes
 
 
+def _cloth_of(mesh: Mesh) -> Mesh:
+    """The mesh without vertices that belong to no triangle and would have no mass.
+
+    In the file's numbering, which `surface` keeps, each of them goes with the vertex that is nearest to it.
+    """
+    used = np.unique(mesh.faces)
+    if len(used) == len(mesh.vertices):
+        return mesh
+    number = cKDTree(mesh.vertices[used]).query(mesh.vertices)[1]
+    number[used] = np.arange(len(used))  # also where two are at one place
+    surface = mesh.surface or plain_surface(mesh.faces, len(mesh.vertices))
+    of_file = replace(surface, vertices=number[surface.vertices])
+    return Mesh(mesh.vertices[used], number[mesh.faces], mesh.source, of_file)
+
+
 def _check_cloth(mesh: Mesh) -> None:
     """Raise InputError where a part of the mesh can be imported, but cannot be simulated: it would have no mass."""
-    used = np.zeros(len(mesh.vertices), bool)
-    used[mesh.faces] = True
-    if not used.all():
-        raise InputError(
-            f"{mesh.source}: {(~used).sum()} vertices belong to no triangle (vertex {int(np.argmin(used))} first), and "
-            "cannot move with the cloth; delete them"
-        )
     flat = face_areas(mesh.vertices, mesh.faces) < _FLAT
     if flat.any():
         raise InputError(

@@ -241,3 +241,24 @@ def test_hanging_arms_and_t_poses_at_rest_are_no_joints_along_their_bones(tmp_pa
     for name, rest in (("t", offsets()), ("a", offsets(arms_down=True))):
         summary = read_motion(write_bvh(tmp_path / f"{name}.bvh", motion, NAMINGS["cmu"], rest=rest))[1]
         assert summary.rest == "rest pose of the file"
+
+
+def test_a_root_without_positions_and_lines_behind_the_last_frame_are_said(tmp_path, caplog):
+    file = write_bvh(tmp_path / "walk.bvh", make_motion("walk", seed=1, seconds=0.3), NAMINGS["cmu"])
+    lines = file.read_text().splitlines()
+    _, summary = read_motion(file)
+    assert "its place" not in str(summary)
+    first = lines.index("MOTION") + 3
+    in_place = [
+        line.replace("CHANNELS 6 Xposition Yposition Zposition", "CHANNELS 3") for line in lines[:first]
+    ]
+    in_place += [line.split(" ", 3)[3] for line in lines[first:]]
+    file.write_text("\n".join([*in_place, *in_place[-2:], ""]))
+    with caplog.at_level("WARNING"):
+        motion, summary = read_motion(file)
+    assert str(summary.rest).endswith("no position channels down to the hips: the body stays in its place")
+    assert len(motion.poses) == len(lines) - first
+    assert (
+        f"walk.bvh: 2 lines follow the {len(motion.poses)} frames that it announces, and are left out"
+        in caplog.text
+    )

@@ -261,6 +261,20 @@ def test_vertices_that_no_triangle_uses_are_no_cloth_wherever_they_lie(
     assert "1 vertices belong to no triangle" in finding.text
 
 
+def test_unused_vertices_of_a_garment_to_simulate_go_with_their_nearest(
+    body: Mesh, shirt: Mesh, tmp_path: Path
+) -> None:
+    loose = [body.vertices.mean(0), shirt.vertices[4] + 0.001, shirt.vertices[7]]
+    write_obj(tmp_path / "vest.obj", np.concatenate([loose[:1], shirt.vertices, loose[1:]]), shirt.faces + 1)
+    garment, notes = load_template(tmp_path / "vest.obj", body)
+    assert [note.split(": ")[1].split(" (")[0] for note in notes] == ["3 vertices belong to no triangle"]
+    np.testing.assert_allclose(garment.vertices, shirt.vertices, atol=1e-6)
+    np.testing.assert_array_equal(garment.faces, shirt.faces)
+    assert garment.surface is not None
+    np.testing.assert_array_equal(garment.surface.faces, shirt.faces + 1)
+    np.testing.assert_array_equal(garment.surface.vertices[1:], [*range(len(shirt.vertices)), 4, 7])
+
+
 def test_a_body_s_unused_vertices_are_no_skin(body: Mesh, shirt: Mesh) -> None:
     assert kinds(shirt, moved(body, np.concatenate([body.vertices, [[0, 90.0, 0]]]))) == []
 
