@@ -17,8 +17,7 @@ from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.pipeline.fuse import FuseInputs
 from imgtransfer.pipeline.pins import Pins, load_pins
 from render import InputError, Option
-from render.files.scenes.reader import is_scene
-from render.files.sequence import check_choice, is_cache, is_sequence, load_file
+from render.files.sequence import check_choice, has_scenes, is_cache, is_sequence, load_file
 
 _FILES = {
     "garment": ("template", "initial"),
@@ -78,7 +77,7 @@ def _open(
     """A file's mesh in motion; what is chosen counts where the file has several."""
     if path is None:
         return None
-    scene = any(is_scene(file) for file in (path, rest) if file is not None)
+    scene = any(has_scenes(file) for file in (path, rest) if file is not None)
     chosen = which if scene else Option(which.name)
     return open_in_metres(path, kind, axes, rest, motion=motion, which=chosen)
 

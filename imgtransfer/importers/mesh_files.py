@@ -71,7 +71,11 @@ def rest_mesh(folder: Path, moving: Path, kind: Kind) -> Path | None:
     """The rest pose of what moves in a clip's folder: there or above, among its frames, or what its cache moves."""
     named = mesh_file(folder, REST[kind])
     if named is None and moving.is_dir():
-        among = [file for file in moving.iterdir() if is_rest_name(file) and file.suffix.lower() in MESHES]
+        among = [
+            file
+            for file in moving.iterdir()
+            if is_rest_name(file) and file.suffix.lower() in (*MESHES, *SCENES)
+        ]
         if len(among) > 1:
             raise InputError(
                 f"{moving}: {among[0].name} and {among[1].name} are both called as a rest pose; keep one"
@@ -81,11 +85,13 @@ def rest_mesh(folder: Path, moving: Path, kind: Kind) -> Path | None:
 
 
 def _wanted(folder: Path, what: str) -> Path:
-    found = moving_in(folder, what)
+    singles = (file for suffix in MESHES if is_there(file := folder / f"{what}{suffix}", "a mesh file"))
+    found = moving_in(folder, what) or next(singles, None)
     if found is None:
         raise InputError(
             f"{folder}: no {what} in it; wanted is a folder {what}/ of OBJ or PLY frames, frames "
-            f"{what}_0000.obj and so on, a point cache {what}.pc2 (.mdd, .pc16), or {what}.abc or {what}.usd"
+            f"{what}_0000.obj and so on, a point cache {what}.pc2 (.mdd, .pc16), {what}.abc or {what}.usd, or one "
+            f"{what}.obj that stays still"
         )
     return found
 

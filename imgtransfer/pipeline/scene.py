@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,8 +16,11 @@ from imgtransfer.importers.checks.axes import AS_AT_REST, Axes, MotionAxes
 from imgtransfer.importers.checks.motion import note_motion
 from imgtransfer.importers.sequences import open_in_metres, weld_sequence
 from imgtransfer.importers.summary import mesh_text, motion_text, size_text
+from imgtransfer.importers.together import together
 from render import InputError, Mesh, MeshSequence, Option
 from render.files.frame_files import is_pattern
+
+_log = logging.getLogger(__name__)
 
 _MOST_IN_MEMORY = 1 << 28  # bytes of frames of mesh files; longer ones are read again when they are drawn
 _AT_ONCE = 16  # frames
@@ -116,12 +120,14 @@ def mesh_scene(
     moving = [open_in_metres(frames, "garment", garment_axes, template, motion=motion_axes, which=chosen[0])]
     if body is not None:
         moving.append(open_in_metres(body, "body", axes, body_template, motion=motion_axes, which=chosen[1]))
-    note_motion(moving)
-    taken = tuple(
-        f"{motion_text(one)}; {mesh_text(one.mesh)}; {size_text(one.mesh)}"
-        for one in (opened.sequence for opened in moving)
-    )
-    sequences = [weld_sequence(one.sequence) if welding else one.sequence for one in moving]
+    moved = [one.sequence for one in moving]
+    if len(moved) == 2:
+        *moved, note = together(*moved)
+        if note:
+            _log.warning("note: %s", note)
+    note_motion([replace(one, sequence=matched) for one, matched in zip(moving, moved, strict=True)])
+    taken = tuple(f"{motion_text(one)}; {mesh_text(one.mesh)}; {size_text(one.mesh)}" for one in moved)
+    sequences = [weld_sequence(one) if welding else one for one in moved]
     if sum(12 * one.n_frames * len(one.mesh.vertices) for one in sequences) <= _MOST_IN_MEMORY:
         with _reading(sum(one.n_frames for one in sequences)) as bar:
             sequences = [one.loaded(bar.update) for one in sequences]
@@ -140,11 +146,6 @@ def mesh_scene(
 
 def _dressed(name: str, garment: MeshSequence, body: MeshSequence, root: RootMode, fps: float) -> Scene:
     """The scene of a garment on a body, whose motion tells the root's."""
-    if garment.n_frames != body.n_frames:
-        raise InputError(
-            f"{name}: garment_vertices must have shape ({body.n_frames}, {len(garment.mesh.vertices)}, 3), found "
-            f"({garment.n_frames}, {len(garment.mesh.vertices)}, 3): as many frames as the body has"
-        )
     template = Template(vertices=garment.mesh.vertices.astype(np.float32), faces=garment.mesh.faces)
     rest = body.mesh.vertices.astype(np.float32)
     found = []

@@ -12,9 +12,12 @@ from render.errors import InputError
 from render.files.frame_names import sequences_of
 from render.files.mesh_files import SUFFIXES as MESHES
 from render.files.point_caches import SUFFIXES as CACHES
+from render.files.scenes.reader import SUFFIXES as SCENES
 
-# STL, whose vertices have no order, is read where none of these is there.
-FRAMES = (".obj", ".ply", ".glb", ".gltf")
+# Scenes, which may lie beside the frames of theirs, are read where none of these is there, and STL, whose vertices have
+# no order, where there is no scene either.
+_MESH_FRAMES = (".obj", ".ply", ".glb", ".gltf")
+FRAMES = (*_MESH_FRAMES, *SCENES)
 REST_NAMES = ("template", "body_rest", "rest", "rest_pose")  # without suffix
 _SIGNS = "*?["
 
@@ -43,8 +46,11 @@ def frame_files(source: Path) -> list[Path]:
         what = "a folder of OBJ, PLY or GLB frames, a pattern such as FOLDER/shirt_*.obj, or a point cache"
         raise InputError(f"{source}: no such folder; wanted is {what} ({', '.join(CACHES)})")
     entries = source.parent.glob(source.name) if pattern else source.iterdir()
-    meshes = [file for file in entries if file.suffix.lower() in MESHES and not file.name.startswith(".")]
-    files = [file for file in meshes if file.suffix.lower() in FRAMES] or meshes
+    visible = [file for file in entries if not file.name.startswith(".")]
+    kinds = (
+        [file for file in visible if file.suffix.lower() in kind] for kind in (_MESH_FRAMES, SCENES, MESHES)
+    )
+    files = next(filter(None, kinds), [])
     if not files:
         raise InputError(f"{source}: no OBJ, PLY or GLB files here; one a frame is wanted")
     numbered = [file for file in files if not is_rest_name(file)]

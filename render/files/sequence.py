@@ -51,8 +51,9 @@ def open_sequence(source: Path, mesh: Mesh | None = None, which: Option = ONLY) 
     """A mesh in motion; its first frame is read, and with it what the mesh is.
 
     Args:
-        source: a folder of OBJ, PLY or GLB files, one a frame; a pattern of such files, such as out/shirt_*.obj; one
-            mesh file for a single frame; a point cache (.pc2, .pc16, .mdd); or an Alembic or USD file.
+        source: a folder of OBJ, PLY, GLB, Alembic or USD files, one a frame; a pattern of such files, such as
+            out/shirt_*.obj; one mesh file for a single frame; a point cache (.pc2, .pc16, .mdd); or an Alembic or USD
+            file of all frames.
         mesh: that a cache moves; not needed for files.
         which: the option, with its value, that chooses among the meshes of an Alembic or USD file.
 
@@ -62,7 +63,11 @@ def open_sequence(source: Path, mesh: Mesh | None = None, which: Option = ONLY) 
     """
     if is_scene(source) and not is_pattern(source):
         return open_scene(source, which)
-    return _of_cache(source, mesh) if is_cache(source) else _of_files(source, frame_files(source))
+    if is_cache(source):
+        return _of_cache(source, mesh)
+    files = frame_files(source)
+    alone = len(files) == 1 and is_scene(files[0])
+    return open_scene(files[0], which) if alone else _of_files(source, files, which)
 
 
 def load_file(path: Path, which: Option) -> Mesh:
@@ -76,9 +81,18 @@ def load_file(path: Path, which: Option) -> Mesh:
 
 def check_choice(which: Option, *files: Path) -> None:
     """Raise InputError where a mesh is chosen, but none of the files has names to choose by."""
-    if which.value is not None and not any(is_scene(file) for file in files):
+    if which.value is not None and not any(map(has_scenes, files)):
         names = ", ".join(map(str, files))
         raise InputError(f"{names}: {which} does nothing here: it chooses a mesh of an Alembic or USD file")
+
+
+def has_scenes(source: Path) -> bool:
+    """Whether what `open_sequence` reads at a path are Alembic or USD files.
+
+    Raises:
+        InputError: as `frame_files`.
+    """
+    return any(map(is_scene, sequence_files(source)))
 
 
 def open_arrays(path: Path, faces: str, vertices: str) -> MeshSequence:
@@ -115,25 +129,39 @@ def open_arrays(path: Path, faces: str, vertices: str) -> MeshSequence:
     return MeshSequence(Mesh(first, triangles, str(path)), shape[0], parts, str(path))
 
 
-def _of_files(source: Path, files: list[Path]) -> MeshSequence:
-    first = load_mesh(files[0])
+def _of_files(source: Path, files: list[Path], which: Option) -> MeshSequence:
+    first = _load_frame(files[0], which)
 
     def parts(count: int) -> Iterator[np.ndarray]:
         connections = vertices_and_rest(files[0])[1] if files[0].suffix.lower() == ".obj" else None
         for start in range(0, len(files), count):
             vertices = np.empty((min(count, len(files) - start), *first.vertices.shape), np.float32)
             for row, file in enumerate(files[start : start + count]):
-                vertices[row] = _frame(file, first, connections)
+                vertices[row] = _frame(file, first, which, connections)
             yield vertices
 
     def read_frames(numbers: Sequence[int]) -> np.ndarray:
-        return np.stack([_frame(files[number], first) if number else first.vertices for number in numbers])
+        return np.stack(
+            [_frame(files[number], first, which) if number else first.vertices for number in numbers]
+        )
 
     names = [file.name for file in files]
     return MeshSequence(first, len(files), parts, str(source), frame_names=names, read_frames=read_frames)
 
 
-def _frame(file: Path, first: Mesh, connections: bytes | None = None) -> np.ndarray:
+def _load_frame(file: Path, which: Option) -> Mesh:
+    """The mesh of a file that is one frame."""
+    if not is_scene(file):
+        return load_mesh(file)
+    opened = open_scene(file, which)
+    if opened.n_frames > 1:
+        raise InputError(
+            f"{file}: {opened.n_frames} frames in a file of several; give one file with all, or a file a frame"
+        )
+    return opened.mesh
+
+
+def _frame(file: Path, first: Mesh, which: Option, connections: bytes | None = None) -> np.ndarray:
     """(N, 3) vertices of a file that is known, or found, to be of the first one's mesh.
 
     Args:
@@ -144,7 +172,11 @@ def _frame(file: Path, first: Mesh, connections: bytes | None = None) -> np.ndar
         moved, rest = vertices_and_rest(file)
         if moved is not None and moved.shape == first.vertices.shape and rest == connections:
             return moved
-    mesh = load_mesh(file)
+    mesh = _load_frame(file, which)
+    if mesh.axes != first.axes:
+        raise InputError(
+            f"{file}: another unit or axis upwards than in {first.source}; export all frames alike"
+        )
     if len(mesh.vertices) != len(first.vertices):
         raise InputError(
             f"{file}: {len(mesh.vertices)} vertices, but the first frame has {len(first.vertices)}; the vertex count "

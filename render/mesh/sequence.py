@@ -12,6 +12,7 @@ from render.errors import InputError
 from render.mesh.mesh import Mesh
 
 _FRAMES_AT_ONCE = 16  # that are read between two steps of a progress bar
+_ON_A_FRAME = 1e-3  # of a step between frames; nearer to one, it is that one
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,7 @@ class MeshSequence:
         parts: all frames in order, so many at a time as it is given: (t, N, 3) float32 or float64, of which the last
             part may be shorter. Frames are read, and what is wrong with them raised, when their part is asked for.
         source: what messages call it.
-        fps: frames a second, where the source says so.
+        fps: frames a second, where the source says so. start: seconds of the first frame, where it says when that is.
         frame_names: of each frame, for messages; None where frames have only numbers.
         read_frames: some frames (t, N, 3) by their numbers, where that takes less than reading all up to them; else
             None.
@@ -38,6 +39,7 @@ class MeshSequence:
     fps: float | None = None
     frame_names: Sequence[str] | None = None
     read_frames: Callable[[Sequence[int]], np.ndarray] | None = None
+    start: float | None = None
 
     @classmethod
     def of_array(
@@ -101,7 +103,7 @@ class MeshSequence:
     def loaded(self, progress: Callable[[int], object] | None = None) -> MeshSequence:
         """The same with all frames in memory."""
         loaded = self.of_array(self.mesh, self.vertices(progress), source=self.source, fps=self.fps)
-        return replace(loaded, frame_names=self.frame_names)
+        return replace(loaded, frame_names=self.frame_names, start=self.start)
 
     def mapped(self, function: Callable[[np.ndarray, int], np.ndarray], mesh: Mesh) -> MeshSequence:
         """The sequence with every part passed through a function.
@@ -160,6 +162,44 @@ class MeshSequence:
             first += len(part)
             if first >= numbers.stop:
                 return
+
+    def at(self, places: np.ndarray) -> MeshSequence:
+        """The sequence at other places between its frames, on straight lines; nobody says at what times these are.
+
+        Args:
+            places: (T,) rising, 0 the first frame and `n_frames` - 1 the last.
+        """
+        before = np.minimum(places.astype(np.int64), self.n_frames - 1)
+        weights = places - before
+        after = np.where(weights > _ON_A_FRAME, before + 1, before)
+
+        def between(frames: Callable[[int], np.ndarray], place: int) -> np.ndarray:
+            first, second = frames(int(before[place])), frames(int(after[place]))
+            return first if first is second else (1 - weights[place]) * first + weights[place] * second
+
+        def parts(count: int) -> Iterator[np.ndarray]:
+            rising = enumerate(frame for part in self.parts(_FRAMES_AT_ONCE) for frame in part)
+            last: dict[int, np.ndarray] = {}  # two frames
+
+            def frame(number: int) -> np.ndarray:
+                while number not in last:
+                    following, vertices = next(rising)
+                    last.pop(following - 2, None)
+                    last[following] = vertices
+                return last[number]
+
+            for first in range(0, len(places), count):
+                yield np.stack(
+                    [between(frame, place) for place in range(first, min(first + count, len(places)))]
+                )
+
+        def read_frames(numbers: Sequence[int]) -> np.ndarray:
+            chosen = np.asarray(numbers, np.int64)
+            needed = np.unique([before[chosen], after[chosen]]).tolist()
+            read = dict(zip(needed, self.frames(needed), strict=True))
+            return np.stack([between(read.__getitem__, number) for number in numbers])
+
+        return MeshSequence(self.mesh, len(places), parts, self.source, read_frames=read_frames)
 
     def at_rest(self, rest: Mesh, owner: str = "sequence") -> MeshSequence:
         """The sequence with its mesh in the rest pose.

@@ -10,6 +10,7 @@ Alembic or USD file with both meshes is a clip, too.
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,8 @@ from imgtransfer.importers.summary import (
     rate_text,
     size_text,
 )
-from render import InputError, MeshSequence, Option
+from imgtransfer.importers.together import together
+from render import InputError, Option
 from render.files.naming import natural_sort
 from render.files.scenes.reader import is_scene
 
@@ -87,7 +89,7 @@ def _summary(name: str, taken: InMetres, worn_by: InMetres, options: ImportOptio
     """What is taken for a clip, once it is checked."""
     garment, body = taken.sequence, worn_by.sequence
     joined = weld(garment.mesh).joined if options.weld else None
-    if garment.fps and body.fps and garment.fps != body.fps:
+    if garment.fps and body.fps and garment.fps != body.fps:  # and one has no times
         _log.warning(
             "note: %s has %g frames a second, %s %g", garment.source, garment.fps, body.source, body.fps
         )
@@ -111,8 +113,11 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[In
         source.garment, "garment", garment_axes, source.template, motion=motion, which=chosen[0]
     )
     body = open_in_metres(source.body, "body", options.axes, source.body_rest, motion=motion, which=chosen[1])
-    _check_lengths(garment.sequence, body.sequence)
+    both = together(garment.sequence, body.sequence)
+    garment, body = replace(garment, sequence=both[0]), replace(body, sequence=both[1])
     if check:
+        if both[2]:
+            _log.warning("note: %s", both[2])
         found = check_template(
             garment.sequence.mesh,
             body.sequence.mesh,
@@ -125,19 +130,6 @@ def _prepare(source: Source, options: ImportOptions, *, check: bool) -> tuple[In
         for text in refuse(found, anyway=options.anyway):
             _log.warning("note: %s", text)
     return garment, body
-
-
-def _check_lengths(garment: MeshSequence, body: MeshSequence) -> None:
-    """Raise InputError where garment and body have different numbers of frames; none of these is read."""
-
-    def told(sequence: MeshSequence) -> str:
-        names = sequence.frame_names
-        return f"{sequence.n_frames} frames" + (f" ({names[0]} to {names[-1]})" if names else "")
-
-    if garment.n_frames != body.n_frames:
-        raise InputError(
-            f"{garment.source}: {told(garment)}, but {body.source} has {told(body)}; both must have the same frames"
-        )
 
 
 def _clip(source: Source, options: ImportOptions) -> Clip:

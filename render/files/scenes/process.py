@@ -86,6 +86,7 @@ def _header(mesh: SceneMesh, frames: FrameTimes) -> dict[str, Any]:
         "path": mesh.path,
         "frames": len(frames.seconds),
         "fps": frames.fps,
+        "start": float(frames.seconds[0]),
         "note": frames.note,
         "materials": mesh.look.materials,
         "up": mesh.up,

@@ -79,7 +79,9 @@ def open_scene(path: Path, which: Option) -> MeshSequence:
             _arrays(path, header, answer)
             return np.concatenate([_frames(answer, mesh, range(number, number + 1)) for number in numbers])
 
-    return MeshSequence(mesh, n_frames, parts, str(path), header["fps"], read_frames=read_frames)
+    return MeshSequence(
+        mesh, n_frames, parts, str(path), header["fps"], read_frames=read_frames, start=header["start"]
+    )
 
 
 @lru_cache(maxsize=4)

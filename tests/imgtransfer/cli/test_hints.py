@@ -44,6 +44,8 @@ COMMANDS = {
     "imgtransfer/simulation": ("simulate",),
     "imgtransfer/motions": ("simulate",),
     "imgtransfer/garments": ("simulate",),
+    "imgtransfer/importers/together.py": MESHES,
+    "render/files/sequence.py": (),  # what Python calls its own choice of a mesh; commands give theirs
 }
 PROGRAMS = ("imgtransfer/demo", "imgtransfer/cli")  # that have their own arguments, or speak of nothing else
 SECTIONS = {"garment": TemplateConfig, "body": SmplConfig, "files": FileMotions}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -250,9 +251,14 @@ def test_options_that_do_not_go_together(
 def test_a_body_of_other_length_is_refused(
     meshes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    body = ("--body", meshes / "body/f_00.ply", "--body-template", meshes / "body.obj")
+    frames = sorted((meshes / "body").iterdir())
+    (tmp_path / "body").mkdir()
+    for frame in frames[:-1]:
+        shutil.copy(frame, tmp_path / "body")
+    body = ("--body", tmp_path / "body", "--body-template", meshes / "body.obj")
     error = refused(capsys, tmp_path / "out", meshes / "shirt", "--template", meshes / "shirt.obj", *body)
-    assert "garment_vertices must have shape (1, 192, 3)" in error
+    assert f"{tmp_path / 'body'} has {len(frames) - 1} frames" in error
+    assert "both must have the same frames" in error
 
 
 # how the files' coordinates lie

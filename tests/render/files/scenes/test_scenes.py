@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,38 @@ def test_some_frames_are_those_of_all(suffix: str, tmp_path: Path) -> None:
     sequence = opened(written(suffix, tmp_path, {"/shirt": Written(frames, np.arange(7) / 24)}))
     np.testing.assert_array_equal(sequence.frames([1, 4, 6]), sequence.vertices()[[1, 4, 6]])
     np.testing.assert_array_equal(sequence.frame(5), frames[5])
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_one_file_a_frame(suffix: str, tmp_path: Path) -> None:
+    frames = SQUARE + np.arange(3)[:, None, None] * np.array([0, 0, 1.0])
+    for number, frame in enumerate(frames):
+        WRITERS[suffix](tmp_path / f"shirt_{number + 8}{suffix}", {"/shirt": Written(frame[None])})
+    (tmp_path / "notes.txt").touch()
+    for source in (tmp_path, tmp_path / f"shirt_*{suffix}"):
+        sequence = opened(source)
+        np.testing.assert_array_equal(sequence.vertices(), frames)
+        np.testing.assert_array_equal(sequence.frames([1, 2]), frames[1:])
+    assert opened(tmp_path, "shirt").frame_names == [f"shirt_{number}{suffix}" for number in (8, 9, 10)]
+    WRITERS[suffix](tmp_path / f"shirt_11{suffix}", {"/shirt": Written(frames, (0, 1, 2))})
+    with pytest.raises(InputError, match=f"shirt_11{suffix}: 3 frames in a file of several"):
+        opened(tmp_path).vertices()
+    (tmp_path / "one").mkdir()
+    shutil.move(tmp_path / f"shirt_11{suffix}", tmp_path / "one")
+    assert opened(tmp_path / "one").n_frames == 3
+    if suffix == ".usdc":
+        write_usd(tmp_path / "shirt_11.usdc", {"/shirt": Written(frames[:1])}, metres=0.01)
+        with pytest.raises(InputError, match=r"shirt_11\.usdc: another unit or axis upwards than in"):
+            opened(tmp_path).vertices()
+    else:
+        np.savetxt(
+            tmp_path / "shirt_1.obj",
+            [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+            "v %g %g %g",
+            footer="f 1 2 3",
+            comments="",
+        )
+        assert opened(tmp_path).frame_names == ["shirt_1.obj"]  # scenes may lie beside their frames
 
 
 def test_a_name_means_itself_before_what_lies_in_it() -> None:
