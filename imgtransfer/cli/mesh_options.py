@@ -57,7 +57,8 @@ def add_objects(group: argparse._ArgumentGroup, *kinds: str) -> None:
         group.add_argument(
             f"--{kind}-object",
             metavar="NAME",
-            help=f"which mesh of an Alembic or USD file is the {kind}: its name or path; default the only one",
+            help=f"which mesh of an Alembic or USD file (extras alembic, usd) is the {kind}: its name or path; "
+            "default the only one",
         )
 
 
