@@ -66,11 +66,10 @@ class PointCache:
             file.seek(self._start + start * a_frame)
             for first in range(start, self.n_frames, count):
                 frames = min(count, self.n_frames - first)
-                content = file.read(frames * a_frame)
-                if len(content) < frames * a_frame:
+                values = np.empty((frames, self.n_points, 3), self._number)
+                if file.readinto(values.data.cast("B")) < frames * a_frame:
                     raise InputError(f"{self.path}: truncated while it was read; is it being written?")
-                values = np.frombuffer(content, self._number).reshape(frames, self.n_points, 3)
-                vertices = values.astype(np.float32)
+                vertices = values.astype(np.float32, copy=False)
                 # in the file's unit
                 check_finite(vertices, str(self.path), limit=FARTHEST_IN_FILES, unit="", first=first)
                 yield vertices

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -100,5 +101,8 @@ def check_finite(
 
 def zero_frame(frames: np.ndarray) -> int | None:
     """The first of the frames (T, ...) in which all is 0, counted from 0; None where there is none."""
-    lost = np.flatnonzero(~frames.any(axis=tuple(range(1, frames.ndim))))
-    return int(lost[0]) if len(lost) else None
+    values = frames.reshape(len(frames), math.prod(frames.shape[1:]))
+    lost = next(
+        (frame for frame in np.flatnonzero(~values[:, :1].any(axis=1)) if not values[frame].any()), None
+    )
+    return None if lost is None else int(lost)
