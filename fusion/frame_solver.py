@@ -94,7 +94,8 @@ class FrameSolver:
         shape = rest_mesh(inputs.rest, imager.mesh)
         self._topology = Topology(shape)
         self._weights = InitialWeights(imager, shape) if inputs.maps.positions is not None else None
-        self._seen = torch.from_numpy(imager.visible.any(axis=0)).to(device)
+        seen = imager.visible.any(axis=0) if self._weights is None else self._weights.seen
+        self._seen = torch.from_numpy(seen).to(device)
         self._pixel_faces = PixelFaces.of(imager.raster, self._topology)
         self._fixed: torch.Tensor | None = None
         if inputs.pins is not None:

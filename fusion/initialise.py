@@ -25,7 +25,8 @@ def initial_vertices(imager: TemplateImager, positions: torch.Tensor) -> torch.T
     """Read every vertex from the position maps.
 
     A visible vertex takes the value of the maps at its projection; where several views see it, their mean,
-    weighted by how frontally each sees the template there. A vertex that no view sees is put where the template's
+    weighted by how frontally each sees the template there. A vertex that no view sees, or that is read from pixels more
+    than one away from it at a silhouette, is put where the template's
     shape, turned as the visible cloth around it is, wants it (`fusion.filling`). The paper interpolates between the
     closest visible vertices of two views, linearly by distance; that gives the chord in place of the surface, even on
     the template itself.
@@ -72,8 +73,9 @@ class InitialWeights:
 
     def __init__(self, imager: TemplateImager, shape: Mesh | None = None) -> None:
         views, n = imager.visible.shape
-        #: (N,) bool, vertices that at least one view sees.
-        self.seen = np.asarray(imager.visible.any(axis=0))
+        self._visible = imager.visible & _reads_its_place(imager)
+        #: (N,) bool, vertices that at least one view sees, and reads at their place.
+        self.seen = np.asarray(self._visible.any(axis=0))
         if not self.seen.any():
             raise InputError(
                 f"{imager.mesh.source}: no view sees any of its {n} vertices; "
@@ -81,9 +83,9 @@ class InitialWeights:
             )
         self._imager = imager
         frontal = np.stack([_frontality(imager.mesh, camera) for camera in imager.cameras])
-        self._frontal = np.where(imager.visible, frontal, 0)
+        self._frontal = np.where(self._visible, frontal, 0)
         weight = self._frontal / self._frontal.sum(0).clip(min=_GRAZING)
-        view, vertex = np.nonzero(imager.visible)
+        view, vertex = np.nonzero(self._visible)
         self._product = SparseProduct(vertex, view * n + vertex, weight[view, vertex], (n, views * n))
         shape = imager.mesh if shape is None else shape
         maps = imager.operator(torch.from_numpy(shape.vertices))
@@ -117,7 +119,7 @@ class InitialWeights:
         Raises:
             InputError: a frame in which nothing with a confidence shows a vertex.
         """
-        visible = torch.from_numpy(self._imager.visible).to(positions.device)
+        visible = torch.from_numpy(self._visible).to(positions.device)
         if confidence is None:
             vertices = self(self._imager.sample(positions))
             return Readings(vertices, visible.any(0).expand(len(positions), -1))
@@ -138,6 +140,24 @@ class InitialWeights:
             )
         mean = trust.sum(1) / visible.sum(0).clamp(min=1)
         return Readings(self._filling(vertices, seen), seen, torch.where(seen, mean, 0))
+
+
+def _reads_its_place(imager: TemplateImager) -> np.ndarray:
+    """(S, N) bool, vertices that a view reads within a pixel of where they are on the template's own maps.
+
+    Where the silhouette or another surface leaves no pixel near, a visible vertex is read from farther ones.
+    """
+    rest = imager.mesh.vertices
+    readings = imager.sample(imager.operator(torch.from_numpy(rest))).numpy()
+    # Metres that a pixel spans at each vertex's depth.
+    pixel = np.stack(
+        [
+            camera.project(rest)[:, 2] / (camera.projection[1, 1] * camera.size[0] / 2)
+            for camera in imager.cameras
+        ]
+    )
+    near: np.ndarray = np.linalg.norm(readings - rest, axis=-1) <= pixel
+    return near
 
 
 def _frontality(mesh: Mesh, camera: Camera) -> np.ndarray:

@@ -20,7 +20,7 @@ from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker
 from imgtransfer.running.fingerprint import MADE, fingerprint, made_anew
 from imgtransfer.training.checkpoint import load_model
-from render import MapFile, Option, written_maps
+from render import MapFile, Mesh, Option, written_maps
 from render.files.atomic import written_whole_folder
 
 _TOGETHER = 32  # frames whose fingerprint is taken together; another number would give another fingerprint
@@ -92,7 +92,7 @@ def save_prediction(
         InputError: a clip that cannot be read, or does not fit the model.
     """
     predictor = model.predictor(reader.clip(0, 1))
-    weights = InitialWeights(model.imager)
+    weights: InitialWeights | None = None
     with (
         written_whole_folder(folder) as temporary,
         written_maps(temporary / MAPS_FILE) as add_maps,
@@ -101,9 +101,17 @@ def save_prediction(
         for clip in progress(reader.parts(FRAMES_AT_ONCE)):
             prediction = predictor(clip)
             add_maps(_map_file(prediction))
+            if weights is None:
+                weights = InitialWeights(model.imager, _shape(prediction))
             vertices = weights(model.imager.sample(prediction.metres())).numpy()
             garment = clip.with_garment(prediction.frames.to_world(vertices))
             add_clip(replace(garment, info=made_anew(clip.info) | dict(record)))
+
+
+def _shape(prediction: Prediction) -> Mesh:
+    """The garment at rest: the model's template, or the clip's own where that is another shape of it."""
+    mesh, own = prediction.imager.mesh, prediction.rest_vertices
+    return mesh if own is None else replace(mesh, vertices=own)
 
 
 def _map_file(prediction: Prediction) -> MapFile:

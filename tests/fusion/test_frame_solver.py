@@ -14,8 +14,9 @@ from fusion.parallel import n_threads
 from fusion.report import Stopwatch
 from render import InputError
 from tests.helpers.example_meshes import two_triangles
-from tests.helpers.fusion_examples import imager_of, inputs_of, true_maps, tube, wrinkled
+from tests.helpers.fusion_examples import AROUND, imager_of, inputs_of, true_maps, tube, wrinkled
 from tests.helpers.half_space import HalfSpace
+from tests.helpers.layers import heights, layered
 
 CPU = torch.device("cpu")
 COUPLED = {"weight_temporal": 1.0}, {"warm_start": True}
@@ -177,3 +178,26 @@ def test_a_garment_is_lifted_off_the_one_beneath_by_what_is_missing():
     result = solver.solve(given, Stopwatch(CPU))
     np.testing.assert_allclose(result.vertices[..., 2], 0.001, atol=1e-5)
     assert [float(part[0]) for part in result.inside] == [0, 0]
+
+
+@pytest.mark.parametrize("normals", [False, True])
+def test_a_lining_that_no_view_sees_stays_inside_through_both_stages_and_pinned_parts_of_it_where_they_are(
+    normals,
+):
+    mesh, copies = layered(-0.005)
+    imager = imager_of(mesh, (64, 64))
+    assert not imager.visible[:, copies].any()
+    outer = np.arange(len(tube().vertices)).reshape(-1, AROUND)[3:14].ravel()
+    waves = wrinkled(tube(), 2)
+    garment = torch.cat([waves, waves[:, outer]], 1)  # what the lining's vertices are makes no difference
+    positions, target = true_maps(imager, garment)
+    positions = positions + 0.004 * torch.randn(positions.shape, generator=torch.Generator().manual_seed(0))
+    pinned = np.array([int(copies.argmax())])
+    place = np.full((2, 1, 3), 0.3, np.float32)
+    maps = {"positions": positions, "normals": target if normals else None}
+    free, held = (fuse(imager, inputs_of(**maps, pins=pins)).vertices for pins in (None, (pinned, place)))
+    for frame in free:
+        height = heights(frame, outer, copies)
+        assert height.min() > -0.009
+        assert height.max() < -0.001
+    np.testing.assert_array_equal(held[:, pinned], place)
