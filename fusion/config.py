@@ -54,6 +54,11 @@ class FusionConfig(BaseModel):
         description="Of `local_global`, no unit: the same for the second stage. Smaller ones follow the normal maps "
         "further, which is worth it where they are right.",
     )
+    automatic_confidence: bool = Field(
+        default=True,
+        description="Leave out pixels of the position maps that do not fit their neighbours, and bring regions back "
+        "that lie off their surroundings. Maps that hold together are left as they are.",
+    )
     sdf_every_iterations: int = Field(
         default=25, ge=1, le=10**6, description="Of `local_global`: steps between two distance queries."
     )

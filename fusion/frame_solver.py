@@ -22,6 +22,7 @@ from fusion.obstacles.layers import MovingObstacle, Obstacles, OuterSurface
 from fusion.obstacles.sdf import BodySdf, SdfQuery
 from fusion.parallel import be_one_of_many, n_threads
 from fusion.report import Stopwatch
+from fusion.robust.automatic_confidence import AutomaticConfidence, JudgedMaps
 from fusion.solvers.adam import AdamSolver
 from fusion.solvers.local_global import LocalGlobalSolver
 from fusion.solvers.pixel_faces import PixelFaces
@@ -94,6 +95,9 @@ class FrameSolver:
         shape = rest_mesh(inputs.rest, imager.mesh)
         self._topology = Topology(shape)
         self._weights = InitialWeights(imager, shape) if inputs.maps.positions is not None else None
+        self._automatic: AutomaticConfidence | None = None
+        if config.automatic_confidence and inputs.maps.positions is not None:
+            self._automatic = AutomaticConfidence(imager, shape, device)
         seen = imager.visible.any(axis=0) if self._weights is None else self._weights.seen
         self._seen = torch.from_numpy(seen).to(device)
         self._pixel_faces = PixelFaces.of(imager.raster, self._topology)
@@ -158,7 +162,8 @@ class FrameSolver:
         stages: dict[str, SolverResult] = {}
         config = self._config
         with watch.stage("start"):
-            readings = self._readings(inputs)
+            judged = self._judged(inputs)
+            readings = self._readings(inputs, judged)
             target, confidence = self._target(inputs)
             if obstacle is not None:
                 obstacle.update(
@@ -195,7 +200,8 @@ class FrameSolver:
         check_finite(solved, "fuse: the result", first=inputs.first_frame)
         with watch.stage("crossings"):
             crossing = self._crossing_fractions(moved, vertices, inputs)
-        return BatchResult(solved, _array(initial), stages, unseen, inside, crossing)
+        findings = None if judged is None else judged.findings
+        return BatchResult(solved, _array(initial), stages, unseen, inside, crossing, findings)
 
     def _crossing_fractions(
         self, before: torch.Tensor, after: torch.Tensor, inputs: FusionInputs
@@ -220,11 +226,19 @@ class FrameSolver:
             fixed=self._fixed,
         )
 
-    def _readings(self, inputs: FusionInputs) -> Readings:
+    def _judged(self, inputs: FusionInputs) -> JudgedMaps | None:
+        """The position maps and what their pixels count, by themselves and as given; None without position maps."""
+        if inputs.maps.positions is None:
+            return None
+        positions, confidence = inputs.maps.positions.to(self._device), self._confidence(inputs)
+        if self._automatic is None:
+            return JudgedMaps(positions, confidence)
+        return self._automatic.judge(positions, confidence)
+
+    def _readings(self, inputs: FusionInputs, judged: JudgedMaps | None) -> Readings:
         """Vertices from the position maps, or those given; pinned ones where they are wanted."""
-        if self._weights is not None:
-            assert inputs.maps.positions is not None
-            readings = self._weights.read(inputs.maps.positions.to(self._device), self._confidence(inputs))
+        if self._weights is not None and judged is not None:
+            readings = self._weights.read(judged.positions, judged.confidence)
         else:
             assert inputs.initial is not None
             vertices = inputs.initial.to(self._device)

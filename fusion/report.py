@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from fusion.config import FusionConfig
+from fusion.robust.map_fault import FaultLog
 from fusion.stages import BatchResult, SolverResult, edge_weights, normal_weights
 
 _WEIGHTS = {"edge": edge_weights, "normal": normal_weights}
@@ -34,10 +35,16 @@ class Statistics:
         self._crossing: np.ndarray | None = (
             None  # sums of the fractions before and after the clean-up, as below
         )
+        self._left_out: float | None = None
+        self._faults = FaultLog()
         self._inside: np.ndarray | None = None  # sums of the fractions before and after the clean-up
 
     def add(self, batch: BatchResult) -> None:
         """Take in a batch."""
+        if batch.findings is not None:
+            self._left_out = (self._left_out or 0.0) + float(batch.findings.left_out.sum())
+            for frame, faults in enumerate(batch.findings.faults, self._frames):
+                self._faults.add(frame, faults)
         self._frames += len(batch.vertices)
         for name, solved in batch.stages.items():
             self._stages[name].add(solved)
@@ -76,6 +83,9 @@ class Statistics:
             "unseen_percent": 100 * self._unseen / self._frames,
             "self_crossing_percent": 100 * self._self_crossing / self._crossing_frames,
         }
+        if self._left_out is not None:
+            report["left_out_percent"] = 100 * self._left_out / self._frames
+            report["faults"] = self._faults.report()
         for name, sums, frames in (
             ("penetration_percent", self._inside, self._frames),
             ("crossing_percent", self._crossing, self._crossing_frames),

@@ -12,6 +12,7 @@ import torch
 from fusion.config import FusionConfig
 from fusion.crossing_report import CrossingFractions
 from fusion.obstacles.sdf import Obstacle
+from fusion.robust.map_fault import MapFindings
 
 CENTIMETRES = 100.0  # in a metre; the unit of lengths that the weights are made for
 Terms = dict[str, torch.Tensor]  # by name, one value a frame: (..., T)
@@ -67,6 +68,7 @@ class BatchResult:
         unseen: (T,) fraction of the vertices that were not read from the maps.
         inside: (T,) fractions of the vertices below an obstacle's surface before and after the clean-up.
         crossing: edges that pass through the body or the garment itself.
+        findings: what was wrong with the position maps; None where nothing was looked for.
     """
 
     vertices: np.ndarray
@@ -75,6 +77,7 @@ class BatchResult:
     unseen: np.ndarray
     inside: tuple[np.ndarray, np.ndarray] | None
     crossing: CrossingFractions
+    findings: MapFindings | None = None
 
 
 class Solver(Protocol):

@@ -16,6 +16,7 @@ from render import contact_sheet
 
 History = Mapping[str, Mapping[str, Sequence[float]]]  # stage -> term -> one value an iteration
 
+_FAULTS = 5  # that are printed
 STAGES = {"edge": "edge lengths", "normal": "normals"}
 # Name in the table, its unit, and how the report's number becomes it.
 TERMS = {
@@ -29,7 +30,7 @@ TERMS = {
 
 
 def fusion_table(report: Mapping[str, Any]) -> str:
-    """The report as a few lines: residual of every term at start and end, unseen vertices, what was inside, time."""
+    """The report as a few lines: every term's residual at start and end, what is odd about the maps, inside, time."""
     rows = []
     for stage, ends in report["terms"].items():
         for term, start in ends["start"].items():
@@ -39,6 +40,7 @@ def fusion_table(report: Mapping[str, Any]) -> str:
         [tabulate(rows, headers=["stage", "residual", "start", "end", ""], floatfmt=".3g")] if rows else []
     )
     lines.append(f"unseen   {report['unseen_percent']:.2f} % of the vertices are in no view")
+    lines += map_lines(report)
     if "penetration_percent" in report:
         inside = report["penetration_percent"]
         lines.append(
@@ -55,6 +57,19 @@ def fusion_table(report: Mapping[str, Any]) -> str:
     stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["stage_seconds"].items())
     lines.append(f"seconds  {report['seconds']:.2f} for {report['frames']} frames: {stages}")
     return "\n".join(lines)
+
+
+def map_lines(report: Mapping[str, Any]) -> list[str]:
+    """What the fusion found wrong with the position maps, a line each; none where all of them hold together."""
+    lines = []
+    if report.get("left_out_percent"):
+        percent = f"{report['left_out_percent']:.2g}"
+        lines.append(f"left out {percent} % of the pixels of the position maps do not fit their neighbours")
+    faults = report.get("faults", [])
+    lines += [f"fault    {fault['text']}" for fault in faults[:_FAULTS]]
+    if len(faults) > _FAULTS:
+        lines.append(f"         and {len(faults) - _FAULTS} more, see the report")
+    return lines
 
 
 def history_picture(history: History, config: FusionConfig) -> np.ndarray:

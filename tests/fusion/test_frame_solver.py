@@ -106,9 +106,9 @@ def test_what_is_wrong_with_a_batch_that_is_fetched_late_is_raised_and_ends_the_
 
 def test_vertices_that_are_no_longer_finite_are_named_by_the_clip_s_frame(monkeypatch):
     solver, given = solver_of(inputs_of(initial=REST.repeat(4, 1, 1)).part(slice(2, 4)))
-    readings = solver._readings(given)
+    readings = solver._readings(given, None)
     readings.vertices[1, 3, 0] = torch.nan
-    monkeypatch.setattr(solver, "_readings", lambda inputs: readings)
+    monkeypatch.setattr(solver, "_readings", lambda inputs, judged: readings)
     with pytest.raises(InputError, match=r"fuse: the result: frame 3, vertex 3 is .*not finite"):
         solver.solve(given, Stopwatch(CPU))
 

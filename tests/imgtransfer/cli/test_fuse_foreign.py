@@ -180,10 +180,27 @@ def test_confidence_in_the_map_file_is_used(folder):
     position[wrong] += 0.3  # of the box
     confidence[wrong] = 0
     change_maps(folder, position=position)
-    assert command(folder, out="plain") == 0
+    as_they_are = ("--set", "automatic_confidence=false")
+    assert command(folder, *as_they_are, out="plain") == 0
     change_maps(folder, confidence=confidence, format_version=np.array(2))
-    assert command(folder, out="weighted") == 0
+    assert command(folder, *as_they_are, out="weighted") == 0
     assert error_mm(fused(folder, "weighted"), folder) < 0.2 * error_mm(fused(folder, "plain"), folder)
+    assert "left_out_percent" not in report(folder, "plain")
+
+
+def test_a_region_that_lies_elsewhere_is_brought_back_and_said(folder, capsys):
+    with np.load(folder / "maps.npz") as stored:
+        position, size = stored["position"].copy(), stored["box_hi"] - stored["box_lo"]
+    position[:, 0, 24:40, 24:40] += 0.3  # of the box
+    change_maps(folder, position=position)
+    assert command(folder, "--set", "automatic_confidence=false", out="plain") == 0
+    assert command(folder, out="judged") == 0
+    assert error_mm(fused(folder, "judged"), folder) < 0.2 * error_mm(fused(folder, "plain"), folder)
+    (fault,) = report(folder, "judged")["faults"]
+    assert (fault["kind"], fault["view"], fault["frames"]) == ("offset", "front", [0, 1])
+    assert (fault["rows"], fault["columns"]) == ([24, 39], [24, 39])
+    np.testing.assert_allclose(fault["offset_mm"], 300 * np.linalg.norm(size), rtol=0.05)
+    assert f"fault    {fault['text']}\n" in capsys.readouterr().out
 
 
 def test_a_folder_of_exr_files_will_do(folder):
