@@ -85,5 +85,5 @@ class Trunk:
 def _quantile(values: np.ndarray, weights: np.ndarray, fraction: float) -> float:
     """The value that `fraction` of the weights, of sum 1, does not exceed; never 0, so that it can divide."""
     order = np.argsort(values)
-    place = np.searchsorted(np.cumsum(weights[order]), fraction)
+    place = int(np.searchsorted(np.cumsum(weights[order]), fraction))
     return max(float(values[order[min(place, len(order) - 1)]]), float(np.finfo(np.float64).tiny))
