@@ -25,7 +25,7 @@ def fuse(
     """Recover the garment from its maps.
 
     With position maps: initialisation and edge stage. Then, if there are normals or something to stay outside of, the
-    second stage with the terms that they allow, and the clean-up. Unless `config` couples them (`weight_temporal`,
+    second stage with the terms that they allow, and the clean-up. Unless `config` couples them (`smooth_time_s`,
     `warm_start`), frames are independent: the result does not depend on how they are batched beyond float rounding.
     It repeats exactly on the CPU.
 
@@ -45,7 +45,7 @@ def fuse(
     Raises:
         InputError: neither or both of position maps and `initial`; shapes that do not fit; values in the template's
             pixels that are not finite; a template that no view sees; a `rest` of another size; a body turned
-            inside out.
+            inside out; smoothing over time without `fps`, or over less than two frames.
     """
     inputs = checked(inputs, imager)
     confidence = inputs.maps.confidence
@@ -53,6 +53,7 @@ def fuse(
         inputs.n_frames,
         lambda size: (inputs.part(frames) for frames in slices(inputs.n_frames, size)),
         weighted=confidence is not None and bool((confidence[:, imager.mask] != 1).any()),
+        fps=inputs.fps,
     )
     return collected(
         lambda take: fuse_batches(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from annotated_types import Unit
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 _Metres = Annotated[float, Unit("m")]
 _Ratio = Annotated[float, Unit("1")]
@@ -99,12 +99,12 @@ class FusionConfig(BaseModel):
         description="λ_c, per cm. `local_global` holds vertices outside for every value but 0, which is the same "
         "while the weight exceeds what pushes them in.",
     )
-    weight_temporal: _PerSquareCentimetre = Field(
+    smooth_time_s: Annotated[float, Unit("s")] = Field(
         default=0.0,
         ge=0,
-        le=1e9,
-        description="Per cm², both stages: the squared second difference of the vertices over time. Not 0: all "
-        "frames must be consecutive, and are solved as one problem whatever batch_frames says.",
+        le=60,
+        description="Seconds, two frames at least: fused frames are smoothed over time, without lag; oscillations of "
+        "this period are halved, longer ones stay, shorter ones go. 0 leaves every frame by itself.",
     )
     warm_start: bool = Field(
         default=False,
@@ -147,11 +147,3 @@ class FusionConfig(BaseModel):
         le=10**6,
         description="Frames solved together; changes memory and speed, not results.",
     )
-
-    @model_validator(mode="after")
-    def _one_order_of_frames(self) -> FusionConfig:
-        if self.warm_start and self.weight_temporal:
-            raise ValueError(
-                "warm_start solves frames one after the other, weight_temporal all at once; set one of them"
-            )
-        return self

@@ -44,22 +44,19 @@ def usable_threads(config: FusionConfig, device: torch.device, n_frames: int) ->
     Returns:
         1 or more, at most `n_frames` and `n_threads()`.
     """
-    coupled = config.weight_temporal or config.warm_start
-    if config.solver == "adam" or coupled or device.type != "cpu":
+    if config.solver == "adam" or config.warm_start or device.type != "cpu":
         return 1
     return max(1, min(n_threads(), n_frames))
 
 
 def frames_at_once(config: FusionConfig, threads: int, n_frames: int) -> int:
-    """The size of a batch: all frames where they depend on each other, one where each awaits another.
+    """The size of a batch: one frame where each awaits another.
 
     Args:
         config: largest batch, and how frames depend on each other.
         threads: as `usable_threads` says.
         n_frames: of the clip.
     """
-    if config.weight_temporal:
-        return n_frames
     if config.warm_start:
         return 1
     return min(config.batch_frames, -(-n_frames // threads))
@@ -107,7 +104,7 @@ class FrameSolver:
             self._fixed[inputs.pins.indices] = True
         # An obstacle stands in one pose at a time: each thread takes one while it works.
         self._obstacles: SimpleQueue[_CachedObstacle | None] = SimpleQueue()
-        for _ in range(threads):
+        for _ in range(threads + bool(config.smooth_time_s)):  # one for `settled`, beside the threads
             self._obstacles.put(_obstacle(inputs, config, device))
         self._crossings: SimpleQueue[CrossingReport] = SimpleQueue()  # as the obstacles
         for _ in range(threads):
@@ -166,9 +163,7 @@ class FrameSolver:
             readings = self._readings(inputs, judged)
             target, confidence = self._target(inputs)
             if obstacle is not None:
-                obstacle.update(
-                    *(surface.vertices for surface in (inputs.body, inputs.inner) if surface is not None)
-                )
+                _pose(obstacle, inputs)
         vertices = initial = readings.vertices
         if inputs.maps.positions is not None and _any_steps(config, "edge"):
             vertex_weights = anchor_weights(
@@ -211,6 +206,23 @@ class FrameSolver:
             return report.fractions(before, after, inputs)
         finally:
             self._crossings.put(report)
+
+    def settled(
+        self, inputs: FusionInputs, before: np.ndarray, smooth: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Smoothed vertices with pins in place and outside of the obstacles, as `fusion.smoothing.Settle` says."""
+        vertices = torch.from_numpy(smooth).to(self._device)
+        if self._fixed is not None:
+            vertices[:, self._fixed] = torch.from_numpy(before).to(vertices)[:, self._fixed]
+        obstacle = self._obstacles.get()
+        try:
+            if obstacle is None:
+                return _array(vertices), None
+            _pose(obstacle, inputs)
+            cleared, (_, inside) = self._cleared(vertices, obstacle)
+            return _array(cleared), inside
+        finally:
+            self._obstacles.put(obstacle)
 
     def _make_solver(self, *, with_normals: bool) -> Solver:
         config = self._config
@@ -347,6 +359,11 @@ def _obstacle(inputs: FusionInputs, config: FusionConfig, device: torch.device) 
             )
         )
     return _CachedObstacle(Obstacles(parts)) if parts else None
+
+
+def _pose(obstacle: _CachedObstacle, inputs: FusionInputs) -> None:
+    """Let the obstacle stand where it does in the frames of the inputs."""
+    obstacle.update(*(surface.vertices for surface in (inputs.body, inputs.inner) if surface is not None))
 
 
 def _any_steps(config: FusionConfig, stage: str) -> bool:

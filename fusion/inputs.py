@@ -125,6 +125,7 @@ class FusionInputs:
         rest: (N, 3) metres, the garment whose edge lengths are kept, where it is not the imager's template: the same
             garment refitted to another body. Pixels and cameras stay the imager's.
         first_frame: the number of the first of these frames in their clip, for messages.
+        fps: frames a second, for what is measured in seconds; not needed beside a map file, which has it.
 
     Attributes:
         maps: without any map where none is given.
@@ -143,6 +144,7 @@ class FusionInputs:
     initial: torch.Tensor | None
     rest: np.ndarray | None
     first_frame: int
+    fps: float | None
 
     def __init__(
         self,
@@ -154,6 +156,7 @@ class FusionInputs:
         initial: Array | None = None,
         rest: Array | None = None,
         first_frame: int = 0,
+        fps: float | None = None,
     ) -> None:
         object.__setattr__(self, "maps", DecodedMaps() if maps is None else maps)
         object.__setattr__(self, "body", body)
@@ -162,6 +165,7 @@ class FusionInputs:
         object.__setattr__(self, "initial", _optional(initial, "fuse: initial"))
         object.__setattr__(self, "rest", None if rest is None else _array(rest))
         object.__setattr__(self, "first_frame", first_frame)
+        object.__setattr__(self, "fps", fps)
 
     @property
     def n_frames(self) -> int:

@@ -131,7 +131,7 @@ def fuse_map_parts(
             done += part.n_frames
 
     weighted = reader.imaged and first.confidence is not None and _weighted(maps, reader.imager)
-    frames = FrameStream(maps.n_frames, batches, weighted=weighted)
+    frames = FrameStream(maps.n_frames, batches, weighted=weighted, fps=first.fps)
     return fuse_batches(
         reader.imager, frames, take, config, device=device, history=history, progress=progress
     )

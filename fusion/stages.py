@@ -94,28 +94,21 @@ class Solver(Protocol):
 
 def edge_weights(config: FusionConfig) -> dict[str, float]:
     """Weights of the first stage by term, for terms in metres."""
-    weights = {
+    return {
         "edge_length_m2": CENTIMETRES**2,
         "displacement_m2": config.weight_displacement * CENTIMETRES**2,
     }
-    return weights | _temporal(config)
 
 
 def normal_weights(config: FusionConfig) -> dict[str, float]:
     """Weights of the second stage by term, for terms in metres."""
-    weights = {
+    return {
         "normal_rendering": 1.0,
         "normal_consistency": config.weight_consistency,
         "edge_length_m2": config.weight_edge * CENTIMETRES**2,
         "displacement_m2": config.weight_displacement * CENTIMETRES**2,
         "collision_m": config.weight_collision * CENTIMETRES,
     }
-    return weights | _temporal(config)
-
-
-def _temporal(config: FusionConfig) -> dict[str, float]:
-    """The temporal term's weight where it has one; without, the term is neither computed nor reported."""
-    return {"temporal_m2": config.weight_temporal * CENTIMETRES**2} if config.weight_temporal else {}
 
 
 def total(terms: Terms, weights: Mapping[str, float]) -> torch.Tensor:

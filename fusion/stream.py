@@ -16,6 +16,7 @@ from fusion.frame_solver import FrameSolver, frames_at_once, usable_threads
 from fusion.inputs import FusionInputs
 from fusion.parallel import one_torch_thread
 from fusion.report import Statistics, Stopwatch
+from fusion.smoothing import TemporalSmoothing, period_in_frames
 from fusion.stages import BatchResult
 from render.maps.imager import TemplateImager
 from render.threads import one_blas_thread
@@ -33,11 +34,13 @@ class FrameStream:
         batches: given how many frames make a batch, all frames in order, so many at a time, each batch as
             `fusion.input_checks.checked` returns it; the last one may be smaller.
         weighted: whether any pixel's confidence in any frame is not 1.
+        fps: frames a second, None where nobody knows.
     """
 
     n_frames: int
     batches: Callable[[int], Iterator[FusionInputs]]
     weighted: bool
+    fps: float | None = None
 
 
 @one_blas_thread()
@@ -53,7 +56,7 @@ def fuse_batches(
 ) -> dict[str, Any]:
     """Solve all frames; memory is needed for a few batches, not for the clip.
 
-    With `weight_temporal`, which makes one problem of all frames, one batch holds them all.
+    With `smooth_time_s`, vertices and obstacles of the frames within four of its periods on either side are kept, too.
 
     Args:
         imager: of the garment's template, with the cameras of the maps.
@@ -71,17 +74,26 @@ def fuse_batches(
     watch, statistics = Stopwatch(device), Statistics(config)
     with one_torch_thread():
         threads = usable_threads(config, device, frames.n_frames)
+        period = period_in_frames(config, frames.fps) if config.smooth_time_s else None
         coming = frames.batches(frames_at_once(config, threads, frames.n_frames))
         first = next(coming)
         with watch.stage("setup"):
             solver = FrameSolver(imager, first, config, device, threads=threads, weighted=frames.weighted)
-        for batch in solver.solve_all(itertools.chain([first], coming), watch):
+        batches: Iterator[FusionInputs] = itertools.chain([first], coming)
+        if period is None:
+            solved, smoothing = solver.solve_all(batches, watch), None
+        else:
+            assert frames.fps is not None  # `period_in_frames` saw to it
+            smoothing = TemporalSmoothing(period, solver.settled, frames.fps)
+            solved = smoothing.smoothed(solver.solve_all(smoothing.noting(batches), watch))
+        for batch in solved:
             statistics.add(batch)
             take(batch)
             if progress is not None:
                 progress(len(batch.vertices))
     seconds = time.perf_counter() - started
-    return statistics.report(history=history) | {
+    report = statistics.report(history=history) | ({} if smoothing is None else smoothing.report())
+    return report | {
         "seconds": seconds,
         "seconds_per_frame": seconds / frames.n_frames,
         "stage_seconds": watch.seconds,
@@ -104,10 +116,10 @@ class FusionResult:
             (unweighted, lengths in metres) and `total`, their weighted sum; `iterations` by stage;
             `unseen_percent` of the vertices, `penetration_percent` before and after the clean-up (where there is a
             body or a garment beneath), `crossing_percent` (with a body) before and after it, `self_crossing_percent`,
-            both of every fourth frame;
-            `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads together: setup, start, edge,
-            normal, clearance, crossings); `history` on request: by stage and term (or "total")
-            a list with one value an iteration, from before the first to after the last.
+            both of every fourth frame; `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads
+            together: setup, start, edge, normal, clearance, crossings); `acceleration_m_s2`, mean over vertices and
+            inner frames, before and after smoothing (where there is any); `history` on request: by stage and term
+            (or "total") a list with one value an iteration, from before the first to after the last.
     """
 
     vertices: np.ndarray

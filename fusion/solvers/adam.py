@@ -13,7 +13,6 @@ from fusion.losses import (
     edge_length_loss,
     normal_consistency_loss,
     normal_rendering_loss,
-    temporal_loss,
 )
 from fusion.obstacles.sdf import Obstacle
 from fusion.stages import SolverResult, StageProblem, Terms, edge_weights, normal_weights, total
@@ -75,13 +74,10 @@ class AdamSolver:
 
     def _both_stages(self, vertices: torch.Tensor, problem: StageProblem) -> Terms:
         """The terms of both stages."""
-        values = {
+        return {
             "edge_length_m2": edge_length_loss(vertices, self._topology),
             "displacement_m2": displacement_loss(vertices, problem.anchor, problem.vertex_weights),
         }
-        if self._config.weight_temporal:
-            values["temporal_m2"] = temporal_loss(vertices)
-        return values
 
     def _minimise(
         self,

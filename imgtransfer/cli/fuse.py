@@ -74,6 +74,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         choices=("local_global", "adam"),
         help="in place of the configuration's: local_global (fast), or adam (the paper's schedule)",
     )
+    parser.add_argument(
+        "--smooth-time",
+        type=float,
+        metavar="SECONDS",
+        help="take jitter out of the motion, without lag: oscillations of this period, such as 0.15, are halved, "
+        "slower ones stay, faster ones go; default 0, each frame by itself",
+    )
     parser.add_argument("--positions-only", action="store_true", help="leave the normal maps out")
     parser.add_argument(
         "--erode",
@@ -143,8 +150,10 @@ def run(args: argparse.Namespace) -> None:
 
     _check_form(args)
     _check_device(args.device)
-    refuse_twice(args, {"solver": ("solver",)})
+    refuse_twice(args, {"solver": ("solver",), "smooth_time": ("smooth_time_s",)})
     changes = [*args.set, *([f"solver={args.solver}"] if args.solver else [])]
+    if args.smooth_time is not None:
+        changes.append(f"smooth_time_s={args.smooth_time}")
     config = load_config(FusionConfig, args.config, changes)
     options = FuseOptions(config=config, positions_only=args.positions_only, erode=args.erode)
     if args.maps is not None:

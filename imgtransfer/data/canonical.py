@@ -9,8 +9,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.trunk import Trunk
 from render.mesh.mesh import check_finite
-from render.mesh.rigid import heading, rigid_rotation
+from render.mesh.rigid import heading
 
 RootMode = Literal["root", "heading"]
 
@@ -53,18 +54,21 @@ def root_frames(clip: Clip, mode: RootMode) -> RootFrames:
     """The frames that `mode` removes: "root" the whole root rotation (section 4.2 of the paper), "heading"
     only its turn about the vertical, so that gravity keeps its direction.
 
-    A clip without poses gets its root motion from the best rigid fit of the rest body to each frame (Kabsch).
+    A clip without poses gets the motion of its body's trunk (`imgtransfer.data.trunk`); one with poses, but without
+    `trans` or `joints_rest`, keeps the root's rotation, and only where its trunk is comes from the body.
     """
     skeleton = clip.skeleton
-    if skeleton.poses is not None and skeleton.trans is not None:
+    rotation = None
+    if skeleton.poses is not None:
         rotation = Rotation.from_rotvec(skeleton.poses[:, 0].astype(np.float64)).as_matrix()
-        joints = skeleton.joints_rest
-        rest = joints[0].astype(np.float64) if joints is not None else np.zeros(3)
+    if rotation is not None and skeleton.trans is not None and skeleton.joints_rest is not None:
+        rest = skeleton.joints_rest[0].astype(np.float64)
         root = rest + skeleton.trans.astype(np.float64)
     else:
-        rest = clip.body.rest.astype(np.float64).mean(0)
-        rotation = np.stack([rigid_rotation(clip.body.rest, frame) for frame in clip.body.vertices])
-        root = clip.body.vertices.astype(np.float64).mean(1)
+        trunk = Trunk(clip.body.rest, clip.body.faces)
+        rotation, translation = trunk.motion(clip.body.vertices, rotation)
+        rest = trunk.centre
+        root = rotation @ rest + translation
     if mode == "heading":
         rotation = heading(rotation)
     return RootFrames(rotation, root - rotation @ rest)

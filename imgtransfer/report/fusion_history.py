@@ -22,7 +22,6 @@ STAGES = {"edge": "edge lengths", "normal": "normals"}
 TERMS = {
     "edge_length_m2": ("edge length off the template's, rms", "mm", lambda value: 1000 * sqrt(value)),
     "displacement_m2": ("distance from the stage's start, rms", "mm", lambda value: 1000 * sqrt(value)),
-    "temporal_m2": ("acceleration over three frames, rms", "mm", lambda value: 1000 * sqrt(value)),
     "normal_rendering": ("rendered normal off the map's, mean", "", float),
     "normal_consistency": ("1 - cos between neighbours' normals, mean", "", float),
     "collision_m": ("depth in the obstacle, mean over vertices", "mm", lambda value: 1000 * value),
@@ -54,6 +53,11 @@ def fusion_table(report: Mapping[str, Any]) -> str:
         )
         crossing += f"clean-up; {report['self_crossing_percent']:.3f} % with the garment itself"
     lines.append(f"crossing {crossing}")
+    if "acceleration_m_s2" in report:
+        motion = report["acceleration_m_s2"]
+        lines.append(
+            f"motion   {motion['before_smoothing']:.3g} m/s² mean acceleration, {motion['after']:.3g} m/s² smoothed"
+        )
     stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["stage_seconds"].items())
     lines.append(f"seconds  {report['seconds']:.2f} for {report['frames']} frames: {stages}")
     return "\n".join(lines)

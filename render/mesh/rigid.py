@@ -11,17 +11,22 @@ from scipy.spatial.transform import Rotation
 _UP = np.array([0.0, 1.0, 0.0])
 
 
-def rigid_rotation(start: np.ndarray, end: np.ndarray) -> NDArray[np.float64]:
+def rigid_rotation(
+    start: np.ndarray, end: np.ndarray, weights: np.ndarray | None = None
+) -> NDArray[np.float64]:
     """The rotation that brings points nearest to others about the means of both (Kabsch 1976).
 
     Args:
         start, end: (N, 3) floating point, point by point the same.
+        weights: (N,) what each pair counts, not negative, of sum 1; also in both means. None: 1 / N each.
 
     Returns:
         (3, 3) float64, of determinant 1 even where a mirror image would fit better. Where several rotations fit alike
         (points on a line, or all at one place) one of them; the identity for points that stay.
     """
-    before, after = ((points - points.mean(axis=0)).astype(np.float64) for points in (start, end))
+    before, after = ((points - _mean(points, weights)).astype(np.float64) for points in (start, end))
+    if weights is not None:
+        after *= weights[:, None]
     covariance = after.T @ before
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Optimal rotation is not uniquely or poorly defined", UserWarning)
@@ -29,6 +34,11 @@ def rigid_rotation(start: np.ndarray, end: np.ndarray) -> NDArray[np.float64]:
         turn, _ = Rotation.align_vectors(covariance.T, np.eye(3))
     rotation: NDArray[np.float64] = turn.as_matrix()
     return rotation
+
+
+def _mean(points: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
+    mean: np.ndarray = points.mean(axis=0) if weights is None else weights @ points
+    return mean
 
 
 def twist_angle(rotation: np.ndarray, axis: np.ndarray) -> NDArray[np.float64]:

@@ -19,15 +19,21 @@ from tests.helpers.half_space import HalfSpace
 from tests.helpers.layers import heights, layered
 
 CPU = torch.device("cpu")
-COUPLED = {"weight_temporal": 1.0}, {"warm_start": True}
 SQUARE = imager_of(two_triangles(), (12, 10))
 REST = torch.from_numpy(two_triangles().vertices).float()[None]
 
 
 @pytest.mark.parametrize(
     ("options", "frames", "want"),
-    [({}, 100, 3), ({}, 2, 2), ({}, 1, 1), ({}, 0, 1), ({"solver": "adam"}, 100, 1)]
-    + [(options, 100, 1) for options in COUPLED],
+    [
+        ({}, 100, 3),
+        ({}, 2, 2),
+        ({}, 1, 1),
+        ({}, 0, 1),
+        ({"solver": "adam"}, 100, 1),
+        ({"warm_start": True}, 100, 1),
+        ({"smooth_time_s": 1.0}, 100, 3),
+    ],
 )
 def test_threads_are_as_many_as_there_are_and_frames_can_use(monkeypatch, options, frames, want):
     monkeypatch.setattr("fusion.frame_solver.n_threads", lambda: 3)
@@ -42,7 +48,6 @@ def test_threads_are_as_many_as_there_are_and_frames_can_use(monkeypatch, option
         ({"batch_frames": 8}, 1, 5, 5),
         ({"batch_frames": 8}, 4, 10, 3),  # 3 + 3 + 3 + 1: no thread is idle
         ({"batch_frames": 2}, 4, 10, 2),
-        ({"batch_frames": 2, "weight_temporal": 1.0}, 1, 10, 10),
         ({"batch_frames": 8, "warm_start": True}, 1, 10, 1),
     ],
 )

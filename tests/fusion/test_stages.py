@@ -21,13 +21,6 @@ def test_weights_by_hand():
     }
 
 
-@pytest.mark.parametrize("weigh", [edge_weights, normal_weights])
-def test_the_temporal_term_has_a_weight_only_where_it_counts(weigh):
-    assert "temporal_m2" not in weigh(CONFIG)
-    coupled = CONFIG.model_copy(update={"weight_temporal": 2.0})
-    assert weigh(coupled) == weigh(CONFIG) | {"temporal_m2": 2e4}
-
-
 def test_a_total_in_metres_is_that_of_the_paper_in_centimetres():
     """An edge 2 cm too long and a depth of 3 cm, weighted by hand in centimetres."""
     terms = {"edge_length_m2": torch.tensor([0.02**2]), "collision_m": torch.tensor([0.03])}

@@ -295,34 +295,6 @@ def test_less_confident_positions_hold_vertices_less(scene):
     assert moved[1] > 1.1 * moved[0]
 
 
-def shaken(scene, frames=6):
-    """Position maps of one garment that jumps by 4 mm to and fro."""
-    truth = np.repeat(scene["truth"][:1], frames, axis=0)
-    truth[1::2, :, 0] += 0.004
-    return true_maps(scene["imager"], torch.from_numpy(truth))[0]
-
-
-def jumps(vertices):
-    return np.linalg.norm(np.diff(vertices, 2, axis=0), axis=-1).mean()
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_the_temporal_term_calms_a_clip_whatever_the_batch(scene, solver):
-    positions = shaken(scene)
-    found = {}
-    for weight in (0.0, 0.1):
-        for batch in (1, 4):
-            config = FusionConfig(solver=solver, weight_temporal=weight, batch_frames=batch)
-            found[weight, batch] = fuse(scene["imager"], inputs_of(positions=positions), config)
-    assert jumps(found[0.1, 4].vertices) < 0.3 * jumps(found[0.0, 4].vertices)
-    np.testing.assert_array_equal(found[0.1, 1].vertices, found[0.1, 4].vertices)
-    terms = found[0.1, 1].report["terms"]["edge"]
-    assert terms["end"]["temporal_m2"] < 0.1 * terms["start"]["temporal_m2"]
-    # 8 mm to and fro in every inner frame.
-    assert terms["start"]["temporal_m2"] == pytest.approx(0.008**2, rel=0.01)
-    assert "temporal_m2" not in found[0.0, 1].report["terms"]["edge"]
-
-
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_warm_start_begins_where_the_frame_before_ended(scene, solver):
     """The same frame three times: each warm start goes on from the last one's end."""
@@ -350,11 +322,6 @@ def test_a_warm_start_begins_where_the_frame_before_ended(scene, solver):
         scene, config.model_copy(update={"warm_start": True, "batch_frames": 8}), **same
     ).vertices
     np.testing.assert_array_equal(warm, batched)
-
-
-def test_frames_with_a_temporal_term_have_no_frame_before_to_start_from():
-    with pytest.raises(ValueError, match=r"warm_start .* weight_temporal"):
-        FusionConfig(warm_start=True, weight_temporal=1.0)
 
 
 def test_a_frame_that_is_finished_stops_and_the_others_go_on(scene):

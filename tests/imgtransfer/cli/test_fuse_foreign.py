@@ -245,7 +245,7 @@ def test_the_report_is_told_in_a_few_lines(folder, capsys):
 
 
 def test_every_term_has_a_name_to_read():
-    config = FusionConfig(weight_temporal=1)
+    config = FusionConfig()
     assert set(TERMS) == set(edge_weights(config)) | set(normal_weights(config))
 
 

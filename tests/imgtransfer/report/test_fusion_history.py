@@ -60,9 +60,8 @@ def test_a_report_without_stages_has_no_table():
     assert [line.split()[0] for line in lines] == ["unseen", "crossing", "seconds"]
 
 
-@pytest.mark.parametrize("temporal", [0.0, 1.0])
-def test_every_term_that_a_fusion_minimises_has_a_name(temporal):
-    config = FusionConfig(weight_temporal=temporal)
+def test_every_term_that_a_fusion_minimises_has_a_name():
+    config = FusionConfig()
     for stage, weights in (("edge", edge_weights(config)), ("normal", normal_weights(config))):
         assert set(weights) <= set(TERMS)
         terms = {stage: {end: dict.fromkeys(weights, 1e-4) for end in ("start", "end")}}

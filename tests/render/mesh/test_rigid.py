@@ -44,6 +44,16 @@ def test_no_other_rotation_fits_better():
         assert error(rotation) >= best
 
 
+def test_a_point_that_counts_three_times_stands_for_three():
+    random = np.random.default_rng(4)
+    start, end = random.normal(size=(2, 6, 3))
+    thrice = np.r_[0, 0, 0, 1:6]
+    weights = np.array([3, 1, 1, 1, 1, 1]) / 8
+    np.testing.assert_allclose(
+        rigid_rotation(start, end, weights), rigid_rotation(start[thrice], end[thrice]), atol=1e-12
+    )
+
+
 def test_a_mirror_image_gets_a_rotation():
     mirrored = rigid_rotation(CUBE, CUBE * [-1, 1, 1])
     assert np.linalg.det(mirrored) == pytest.approx(1)
