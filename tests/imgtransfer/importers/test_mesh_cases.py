@@ -75,3 +75,32 @@ def test_materials_of_as_many_bytes_that_are_not_utf_8():
     surface = load_mesh(CASES / "gbk" / "s.obj").surface
     assert len(set(surface.materials)) == 2
     assert surface.face_materials.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    "named",
+    [
+        "TextureFile none.png",
+        "TextureFile C:\\looks\\none.png",
+        "TextureFile a folder.png",
+        "TextureFile damaged.png",
+    ],
+)
+@pytest.mark.parametrize("per", ["vertex", "corner"])
+def test_textures_that_cannot_be_used_leave_the_mesh_and_stderr_as_they_are(tmp_path, capfd, named, per):
+    (tmp_path / "a folder.png").mkdir()
+    (tmp_path / "damaged.png").write_bytes(b"no picture")
+    head = ["ply", "format ascii 1.0", f"comment {named}", "element vertex 3"]
+    head += [f"property float {axis}" for axis in ("xyz" if per == "corner" else "xyzst")]
+    head += ["element face 1", "property list uchar int vertex_indices"]
+    head += ["property list uchar float texcoord"] if per == "corner" else []
+    uvs = [".25 .5", "1 0", "0 1"]
+    places = ["0 0 0", "1 0 0", "0 1 0"]
+    rows = places if per == "corner" else [f"{place} {uv}" for place, uv in zip(places, uvs, strict=True)]
+    face = "3 0 1 2" + (f" 6 {' '.join(uvs)}" if per == "corner" else "")
+    (tmp_path / "a.ply").write_text("\n".join([*head, "end_header", *rows, face, ""]))
+    mesh = load_mesh(tmp_path / "a.ply")
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    assert corner_uvs(mesh) == [[[0.25, 0.5], [1, 0], [0, 1]]]
+    assert len(mesh.surface.materials) == 1
+    assert capfd.readouterr() == ("", "")
