@@ -14,7 +14,7 @@ import numpy as np
 from alembic3d import Abc, AbcGeom
 
 from render.errors import InputError
-from render.files.scenes.objects import Look, SceneMesh, check_same, face_sets
+from render.files.scenes.objects import Look, SceneMesh, check_same, face_sets, in_world
 from render.files.scenes.polygons import Polygons
 
 _MAGIC, _WHOLE, _HDF5 = b"Ogawa", 0xFF, b"\x89HDF"
@@ -104,8 +104,7 @@ class AlembicScene:
                     f"{source}: other polygons in frame {frame} than in the first; every frame must be the same mesh"
                 )
             placed = _to_world(parents, seconds)
-            world: np.ndarray = local @ placed[:3, :3] + placed[3, :3]
-            return world
+            return in_world(local, placed)
 
         mirrored = bool(np.linalg.det(_to_world(parents, times[0])[:3, :3]) < 0)
         return SceneMesh(name, polygons, times, points, not mirrored, _look(schema, polygons, len(first)))

@@ -86,6 +86,15 @@ def check_same(mesh: Polygons, n_vertices: int, points: np.ndarray, when: str) -
         )
 
 
+def in_world(local: np.ndarray, placed: np.ndarray) -> np.ndarray:
+    """(N, 3) points of a mesh, placed by a (4, 4) matrix for row vectors; without a copy where it does nothing."""
+    if np.array_equal(placed, np.eye(4)):
+        return local
+    world: np.ndarray = local @ placed[:3, :3]
+    world += placed[3, :3]
+    return world
+
+
 def face_sets(n_polygons: int, sets: Sequence[tuple[str, np.ndarray]], source: str) -> Look:
     """Materials from named sets of polygons; what no set holds is of "default"."""
     names = list(dict.fromkeys(name for name, _ in sets))

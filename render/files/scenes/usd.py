@@ -15,7 +15,7 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdSkel
 
 from render.errors import InputError
-from render.files.scenes.objects import Look, SceneMesh, check_same, face_sets
+from render.files.scenes.objects import Look, SceneMesh, check_same, face_sets, in_world
 from render.files.scenes.polygons import Polygons
 
 _UV_NAMES = ("st", "UVMap", "uv", "map1", "st0")  # what exporters call the first set
@@ -85,8 +85,7 @@ class UsdScene:
                     f"{source}: other polygons in frame {frame} than in the first; every frame must be the same mesh"
                 )
             placed = _to_world(prim, time)
-            world: np.ndarray = local @ placed[:3, :3] + placed[3, :3]
-            return world
+            return in_world(local, placed)
 
         mirrored = bool(np.linalg.det(_to_world(prim, start)[:3, :3]) < 0)
         left_handed = mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
