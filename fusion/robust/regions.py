@@ -95,8 +95,8 @@ class Regions:
                 break
             label = max(reached, key=lambda label: (size[label], -label))
             pixels = pixels_of.pop(label)
-            scale = self._links.scale(points, fits & (part[self._links.first] == label))
-            offset = self._bring_back(points, pixels, borders[label], scale / usual)
+            scale = self._links.scale(points, fits & (part[self._links.first] == label)) / usual
+            offset = self._bring_back(points, pixels, borders[label], scale)
             faults.append(self._fault("offset", pixels, offset, scale))
             moved |= pixels
             stays[label] = True

@@ -35,6 +35,13 @@ def test_a_box_of_another_size_is_said(scale):
     assert f"{fault.scale:.2f} times as large as the garment" in str(fault)
 
 
+def test_noise_in_every_pixel_makes_no_map_larger():
+    """It makes steps between neighbours longer, here by half; spans of three edges by less than a twentieth."""
+    footprint = PixelLinks(TUBE, TUBE.mesh, CPU).footprint
+    noise = torch.randn(TRUE.shape, generator=torch.Generator().manual_seed(0))
+    assert faults(TRUE + 0.6 * footprint * noise) == [[], [], []]
+
+
 def test_views_that_put_what_both_see_at_different_places_are_named():
     maps = TRUE.clone()
     maps[2, 1] += torch.tensor([0.0, 0.2, 0.0])
