@@ -48,6 +48,8 @@ COLUMNS = {
     "rmse_mm": "RMSE (mm)",
     "hausdorff_mm": "Hausdorff (mm)",
     "sted": "STED",
+    "sted_spatial": "STED spatial",
+    "sted_temporal": "STED temporal",
     "penetration_percent": "inside body (%)",
 }
 
@@ -112,7 +114,9 @@ def table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
         for row, values in by_row.items()
     ]
     headers = ["solver", "terms", *COLUMNS.values()]
-    return tabulate(rows, headers=headers, tablefmt="github", floatfmt=("", "", ".2f", ".2f", ".4f", ".3f"))
+    return tabulate(
+        rows, headers=headers, tablefmt="github", floatfmt=("", "", ".2f", ".2f", ".4f", ".4f", ".4f", ".3f")
+    )
 
 
 def command() -> None:
