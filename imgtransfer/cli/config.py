@@ -11,7 +11,7 @@ from imgtransfer.cli.options import add_changes
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from pydantic import BaseModel
 
-COMMANDS = ("train", "simulate", "fuse")  # those that take a configuration
+COMMANDS = ("train", "simulate", "fuse", "evaluate")  # those that take a configuration
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -56,6 +56,10 @@ def schema_of(command: str) -> type[BaseModel]:
         from imgtransfer.simulation.config import SimulateConfig  # noqa: PLC0415
 
         return SimulateConfig
+    if command == "evaluate":
+        from imgtransfer.evaluation.config import EvaluateConfig  # noqa: PLC0415
+
+        return EvaluateConfig
     from fusion import FusionConfig  # noqa: PLC0415
 
     return FusionConfig

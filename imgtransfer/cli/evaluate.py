@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imgtransfer.cli.options import add_clip_choice, chosen_refs
+from imgtransfer.cli.options import add_changes, add_clip_choice, chosen_refs
 from imgtransfer.pipeline.folder import METHODS, clip_of_folder, folders_in
 from render import InputError
 
@@ -44,17 +44,22 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("--baseline", choices=("lbs",), help="measure skinning instead of a prediction")
     add_clip_choice(parser)
+    parser.add_argument("--config", type=Path, help="YAML with parameters of the metrics that differ")
+    add_changes(parser, "sted.frame_step=0.01")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     return parser
 
 
 def run(args: argparse.Namespace) -> None:
     """Measure and print."""
+    from imgtransfer.config.loader import load_config  # noqa: PLC0415
+    from imgtransfer.evaluation.config import EvaluateConfig  # noqa: PLC0415
     from imgtransfer.evaluation.metrics import evaluate_clip, mean_over_frames  # noqa: PLC0415
     from imgtransfer.evaluation.table import metrics_json, metrics_table  # noqa: PLC0415
 
     if bool(args.prediction) == bool(args.baseline):
         raise InputError("evaluate: give either predictions or --baseline lbs")
+    config = load_config(EvaluateConfig, args.config, args.set)
     refs = {ref.name: ref for ref in chosen_refs(args, args.truth)}
     measured, lengths = {}, {}
     for truth, predicted in _baseline(args, refs) if args.baseline else _predictions(args, refs):
@@ -64,12 +69,18 @@ def run(args: argparse.Namespace) -> None:
         lengths[name] = truth.n_frames
         try:
             measured[name] = evaluate_clip(
-                predicted, truth.garment.vertices, truth.template.faces, truth.body.vertices, truth.body.faces
+                predicted,
+                truth.garment.vertices,
+                truth.template.faces,
+                truth.body.vertices,
+                truth.body.faces,
+                config=config,
             )
         except InputError as error:
             raise InputError(f"{name}: {error}") from error
     overall = mean_over_frames((values, lengths[name]) for name, values in measured.items())
-    print(metrics_json(measured, overall) if args.json else metrics_table({**measured, "overall": overall}))
+    table = metrics_table({**measured, "overall": overall})
+    print(metrics_json(measured, overall, config) if args.json else table)
     if any(path.is_dir() and not _of_one_clip(path) for path in args.prediction):
         _say_missing(refs, measured)
 

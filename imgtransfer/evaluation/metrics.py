@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from fusion import BodySdf
 from fusion.obstacles import body_crossing_fractions, self_crossing_fractions
+from imgtransfer.evaluation.config import EvaluateConfig
 from imgtransfer.evaluation.sted import sted
 from render import InputError, Mesh
 from render.threads import one_blas_thread
@@ -19,6 +20,8 @@ METRICS = (
     "rms_mm",
     "hausdorff_mm",
     "sted",
+    "sted_spatial",
+    "sted_temporal",
     "penetration_percent",
     "crossing_percent",
     "self_crossing_percent",
@@ -32,6 +35,8 @@ def evaluate_clip(
     faces: np.ndarray,
     body_vertices: np.ndarray,
     body_faces: np.ndarray,
+    *,
+    config: EvaluateConfig | None = None,
 ) -> dict[str, float]:
     """All metrics of one clip (section 4.1 of the paper, penetration and crossings).
 
@@ -41,12 +46,14 @@ def evaluate_clip(
         faces: (F, 3) int, of the garment.
         body_vertices: (T, B, 3), metres.
         body_faces: (G, 3) int.
+        config: parameters of the metrics; the defaults if None.
 
     Returns:
         rmse_mm: mean Euclidean distance over frames and vertices, which the field calls RMSE.
         rms_mm: the root of the mean squared distance.
         hausdorff_mm: mean over frames of the two-sided Hausdorff distance between the vertex sets.
-        sted: spatio-temporal edge difference, see `imgtransfer.evaluation.sted`; no unit.
+        sted, sted_spatial, sted_temporal: spatio-temporal edge difference, see `imgtransfer.evaluation.sted`, and its
+            parts, the temporal one not yet weighted; no unit.
         penetration_percent: per cent of the garment vertices with negative distance to the body.
         crossing_percent: garment edges that pass through the body's faces and body edges that pass through the
             garment's, in per cent of the garment's edges, mean over frames.
@@ -62,11 +69,16 @@ def evaluate_clip(
     if len(body_vertices) != len(truth):
         raise InputError(f"the garment has {len(truth)} frames, the body {len(body_vertices)}")
     distance = np.linalg.norm(predicted.astype(np.float64) - truth.astype(np.float64), axis=-1)
+    edge_difference = sted(
+        predicted, truth, Mesh(truth[0], faces, "garment").edges, (config or EvaluateConfig()).sted
+    )
     values = (
         1e3 * distance.mean(),
         1e3 * np.sqrt((distance**2).mean()),
         1e3 * np.mean([vertex_hausdorff(a, b) for a, b in zip(predicted, truth, strict=True)]),
-        sted(predicted, truth, Mesh(truth[0], faces, "garment").edges),
+        edge_difference.whole,
+        edge_difference.spatial,
+        edge_difference.temporal,
         penetration_percent(predicted, body_vertices, body_faces),
         crossing_percent(predicted, faces, body_vertices, body_faces),
         self_crossing_percent(predicted, faces),

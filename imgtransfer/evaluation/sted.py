@@ -13,41 +13,54 @@ and so does shaking. The definition as computed here, with lengths l of the true
   vertices and edges.
 - STED = √(spatial² + c² temporal²).
 
-The publication fits its parameters to subjective scores; the values used here are stated as defaults below,
-and numbers are comparable only between methods measured with the same ones.
+The publication fits its parameters to subjective scores; the values used here are the defaults of
+`imgtransfer.evaluation.config.StedConfig`, and numbers are comparable only between methods measured with the same ones.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 from scipy.ndimage import uniform_filter1d
 
+from imgtransfer.evaluation.config import StedConfig
 from render.mesh.measures import edge_lengths
 
-DISTANCE = 1  # edges
-WINDOW = 11  # temporal edges, centred; fewer at the ends of a clip
-TEMPORAL_WEIGHT = 0.136  # c
-FRAME_STEP = 0.002  # dt, in units of the bounding box's diagonal
+_DEFAULTS = StedConfig()
 
 
-def sted(predicted: np.ndarray, truth: np.ndarray, edges: np.ndarray) -> float:
-    """The combined measure, with the parameters of this module.
+@dataclass(frozen=True)
+class Sted:
+    """The measure and what it is made of; numbers without unit, 0 for equal meshes.
+
+    Args:
+        whole: √(spatial² + c² temporal²).
+        spatial, temporal: its parts, the temporal one not yet times c.
+    """
+
+    whole: float
+    spatial: float
+    temporal: float
+
+
+def sted(predicted: np.ndarray, truth: np.ndarray, edges: np.ndarray, config: StedConfig = _DEFAULTS) -> Sted:
+    """The measure and its parts.
 
     Args:
         predicted: (T, N, 3).
         truth: (T, N, 3), same unit.
         edges: (E, 2) int, every undirected edge once.
-
-    Returns:
-        A number without unit; 0 for equal meshes.
+        config: its parameters.
     """
-    spatial = sted_spatial(predicted, truth, edges)
-    return float(np.hypot(spatial, TEMPORAL_WEIGHT * sted_temporal(predicted, truth)))
+    spatial = sted_spatial(predicted, truth, edges, distance=config.distance)
+    temporal = sted_temporal(predicted, truth, window=config.window, frame_step=config.frame_step)
+    return Sted(float(np.hypot(spatial, config.temporal_weight * temporal)), spatial, temporal)
 
 
 def sted_spatial(
-    predicted: np.ndarray, truth: np.ndarray, edges: np.ndarray, *, distance: int = DISTANCE
+    predicted: np.ndarray, truth: np.ndarray, edges: np.ndarray, *, distance: int = _DEFAULTS.distance
 ) -> float:
     """The spatial part; arguments as for `sted`. Edges without a true length do not count."""
     near = _edges_near_vertices(edges, truth.shape[1], distance)
@@ -68,7 +81,11 @@ def sted_spatial(
 
 
 def sted_temporal(
-    predicted: np.ndarray, truth: np.ndarray, *, window: int = WINDOW, frame_step: float = FRAME_STEP
+    predicted: np.ndarray,
+    truth: np.ndarray,
+    *,
+    window: int = _DEFAULTS.window,
+    frame_step: float = _DEFAULTS.frame_step,
 ) -> float:
     """The temporal part; arguments as for `sted`. 0 for a single frame."""
     if len(truth) < 2:

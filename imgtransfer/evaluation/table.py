@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from tabulate import tabulate
 
+from imgtransfer.evaluation.config import EvaluateConfig
 from imgtransfer.evaluation.metrics import METRICS
 
 HEADINGS = (
@@ -14,11 +15,13 @@ HEADINGS = (
     "RMS (mm)",
     "Hausdorff (mm)",
     "STED",
+    "STED spatial",
+    "STED temporal",
     "inside body (%)",
     "crossing body (%)",
     "crossing itself (%)",
 )
-_FORMATS = (".2f", ".2f", ".2f", ".4f", ".3f", ".3f", ".3f")
+_FORMATS = (".2f", ".2f", ".2f", ".4f", ".4f", ".4f", ".3f", ".3f", ".3f")
 
 
 def metrics_table(rows: Mapping[str, Mapping[str, float]], *, first: str = "clip") -> str:
@@ -42,6 +45,8 @@ def metric_cells(values: Mapping[str, float]) -> list[str]:
     return [format(values[name], style) for name, style in zip(METRICS, _FORMATS, strict=True)]
 
 
-def metrics_json(clips: Mapping[str, Mapping[str, float]], overall: Mapping[str, float]) -> str:
-    """The JSON text {"clips": {name: {...}}, "overall": {...}}."""
-    return json.dumps({"clips": clips, "overall": overall}, indent=2)
+def metrics_json(
+    clips: Mapping[str, Mapping[str, float]], overall: Mapping[str, float], config: EvaluateConfig
+) -> str:
+    """The JSON text {"clips": {name: {...}}, "overall": {...}, "config": {...}}."""
+    return json.dumps({"clips": clips, "overall": overall, "config": config.model_dump()}, indent=2)

@@ -48,6 +48,8 @@ COLUMNS = {
     "rmse_mm": "RMSE (mm)",
     "hausdorff_mm": "Hausdorff (mm)",
     "sted": "STED",
+    "sted_spatial": "STED spatial",
+    "sted_temporal": "STED temporal",
     "penetration_percent": "inside body (%)",
     "crossing_percent": "crossing body (%)",
 }
@@ -114,7 +116,10 @@ def table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
     ]
     headers = ["solver", "terms", *COLUMNS.values()]
     return tabulate(
-        rows, headers=headers, tablefmt="github", floatfmt=("", "", ".2f", ".2f", ".4f", ".3f", ".3f")
+        rows,
+        headers=headers,
+        tablefmt="github",
+        floatfmt=("", "", *(".2f",) * 2, *(".4f",) * 3, *(".3f",) * 2),
     )
 
 

@@ -86,6 +86,8 @@ LINES: dict[str, tuple[str, str]] = {
     "simulate-to-zip": ("simulate simulation.yaml --clip '*/walk*' --out set.zip", "python -m zipfile"),
     "export-two-clips": ("export set --out out/a", "set"),
     "export-frames-as": ("export clip.npz --out out/a --frames-as stl", "--frames-as"),
+    "evaluate-set": ("evaluate --baseline lbs --truth clip.npz --set sted.frame_step=0", "sted.frame_step"),
+    "evaluate-config": ("evaluate --baseline lbs --truth clip.npz --config none.yaml", "none.yaml"),
     "config-command": ("config knit", "knit"),
     "config-none": ("config fuse none.yaml", "none.yaml"),
     "config-npz": ("config fuse clip.npz", "clip.npz"),

@@ -146,7 +146,8 @@ def test_evaluate_prints_exactly_the_metrics_as_json(
     capsys.readouterr()
     assert main(["evaluate", f"{tmp_path}/out", "--truth", str(data), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert set(found) == {"clips", "overall"}
+    assert set(found) == {"clips", "overall", "config"}
+    assert found["config"]["sted"]["frame_step"] == 0.002
     assert set(found["clips"]) == {"tube/bend", "tube/short"}
     for values in (*found["clips"].values(), found["overall"]):
         assert tuple(values) == METRICS
@@ -174,8 +175,23 @@ def test_evaluate_pairs_two_files_and_shows_a_table(
     assert main(["evaluate", f"{tmp_path}/mine.npz", "--truth", f"{tmp_path}/in/tube_bend.npz"]) == 0
     table = capsys.readouterr().out.splitlines()
     assert table[0].split()[0] == "clip"
-    assert table[-1].split() == ["overall", "0.00", "0.00", "0.00", "0.0000", "0.000", "0.000", "0.000"]
+    assert table[-1].split() == ["overall", "0.00", "0.00", "0.00", *["0.0000"] * 3, *["0.000"] * 3]
     assert data.exists()
+
+
+def test_evaluate_says_the_parameters_that_it_was_given(
+    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ten times the step between frames: the temporal part falls, the spatial one stays."""
+    (tmp_path / "sted.yaml").write_text("sted: {frame_step: 0.02}\n")
+    found = {}
+    for options in ([], ["--config", f"{tmp_path}/sted.yaml"], ["--set", "sted.frame_step=0.02"]):
+        capsys.readouterr()
+        assert main(["evaluate", "--baseline", "lbs", "--truth", str(data), "--json", *options]) == 0
+        printed = json.loads(capsys.readouterr().out)
+        found[printed["config"]["sted"]["frame_step"]] = printed["overall"]
+    assert found[0.02]["sted_temporal"] < 0.8 * found[0.002]["sted_temporal"]
+    assert found[0.02]["sted_spatial"] == found[0.002]["sted_spatial"]
 
 
 def test_evaluate_measures_the_baseline(data: Path, capsys: pytest.CaptureFixture[str]) -> None:

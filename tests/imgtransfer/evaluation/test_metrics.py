@@ -10,6 +10,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.evaluation.config import EvaluateConfig, StedConfig
 from imgtransfer.evaluation.metrics import (
     METRICS,
     crossing_percent,
@@ -18,7 +19,7 @@ from imgtransfer.evaluation.metrics import (
     self_crossing_percent,
     vertex_hausdorff,
 )
-from imgtransfer.evaluation.sted import TEMPORAL_WEIGHT, sted, sted_spatial, sted_temporal
+from imgtransfer.evaluation.sted import Sted, sted, sted_spatial, sted_temporal
 from imgtransfer.evaluation.table import metrics_json, metrics_table
 from render import InputError, Mesh
 
@@ -155,7 +156,13 @@ def test_sted_combines_both_parts(tube_clip: Clip) -> None:
     spatial, temporal = sted_spatial(predicted, truth, edges), sted_temporal(predicted, truth)
     assert spatial > 0.01
     assert temporal > 0.01
-    assert sted(predicted, truth, edges) == pytest.approx(np.hypot(spatial, TEMPORAL_WEIGHT * temporal))
+    assert sted(predicted, truth, edges) == Sted(np.hypot(spatial, 0.136 * temporal), spatial, temporal)
+    measured = measure(predicted, tube_clip)
+    assert (measured["sted_spatial"], measured["sted_temporal"]) == (spatial, temporal)
+    config = StedConfig(distance=2, window=3, temporal_weight=2.0, frame_step=0.1)
+    spatial = sted_spatial(predicted, truth, edges, distance=2)
+    temporal = sted_temporal(predicted, truth, window=3, frame_step=0.1)
+    assert sted(predicted, truth, edges, config) == Sted(np.hypot(spatial, 2 * temporal), spatial, temporal)
 
 
 @pytest.mark.parametrize("distance", [1, 2])
@@ -189,7 +196,7 @@ def test_a_rigidly_moved_prediction_has_no_sted_and_moving_both_changes_nothing(
 
     truth = tube_clip.garment.vertices.astype(np.float64)
     edges = Mesh(truth[0], tube_clip.template.faces).edges
-    assert sted(moved(truth), truth, edges) == pytest.approx(0.0, abs=1e-9)
+    assert sted(moved(truth), truth, edges).whole == pytest.approx(0.0, abs=1e-9)
     predicted = truth + np.random.default_rng(2).normal(0, 2e-3, truth.shape)
     still = measure(predicted, tube_clip)
     both = evaluate_clip(
@@ -204,10 +211,10 @@ def test_a_rigidly_moved_prediction_has_no_sted_and_moving_both_changes_nothing(
 
 def test_edges_of_no_length_and_single_frames_are_no_trouble() -> None:
     folded = np.zeros((1, 3, 3))
-    assert sted(folded, folded, TRIANGLE_EDGES) == 0.0
+    assert sted(folded, folded, TRIANGLE_EDGES) == Sted(0.0, 0.0, 0.0)
     half = TRIANGLE.copy()
     half[:, 2] = half[:, 1]
-    assert np.isfinite(sted(TRIANGLE, half, TRIANGLE_EDGES))
+    assert np.isfinite(sted(TRIANGLE, half, TRIANGLE_EDGES).whole)
 
 
 def test_clips_that_do_not_belong_together_are_refused(tube_clip: Clip) -> None:
@@ -221,12 +228,13 @@ def test_the_overall_mean_counts_frames() -> None:
 
 
 def test_table_and_json() -> None:
-    values = dict(zip(METRICS, (12.346, 13.0, 40.0, 0.0567, 0.25, 0.5, 0.125), strict=True))
+    values = dict(zip(METRICS, (12.346, 13.0, 40.0, 0.0567, 0.0123, 0.407, 0.25, 0.5, 0.125), strict=True))
     table = metrics_table({"tube/bend": values, "overall": values})
     assert "12.35" in table
     assert "0.0567" in table
     assert len(table.splitlines()) == 4
-    assert json.loads(metrics_json({"tube/bend": values}, values)) == {
+    assert json.loads(metrics_json({"tube/bend": values}, values, EvaluateConfig())) == {
         "clips": {"tube/bend": values},
         "overall": values,
+        "config": EvaluateConfig().model_dump(),
     }

@@ -4,16 +4,17 @@ import json
 
 import pytest
 
+from imgtransfer.evaluation.config import EvaluateConfig, StedConfig
 from imgtransfer.evaluation.metrics import METRICS
 from imgtransfer.evaluation.table import HEADINGS, metric_cells, metrics_json, metrics_table
 
-VALUES = dict(zip(METRICS, (1.005, 22.0, 333.456, 0.00012, 4.5678, 0.1, 12.0), strict=True))
+VALUES = dict(zip(METRICS, (1.005, 22.0, 333.456, 0.00012, 0.0001, 0.0005, 4.5678, 0.1, 12.0), strict=True))
 
 
 def test_every_metric_has_a_heading_and_its_own_digits():
     assert len(HEADINGS) == len(METRICS)
     cells = metric_cells(dict.fromkeys(METRICS, 2 / 3))
-    assert cells == ["0.67", "0.67", "0.67", "0.6667", "0.667", "0.667", "0.667"]
+    assert cells == ["0.67", "0.67", "0.67", "0.6667", "0.6667", "0.6667", "0.667", "0.667", "0.667"]
 
 
 def test_cells_come_in_the_metrics_order_whatever_the_mappings():
@@ -44,5 +45,10 @@ def test_a_metric_that_is_missing_is_an_error_and_no_empty_cell():
 
 
 def test_json_holds_all_digits():
-    text = metrics_json({"a": VALUES}, VALUES)
-    assert json.loads(text) == {"clips": {"a": VALUES}, "overall": VALUES}
+    config = EvaluateConfig(sted=StedConfig(frame_step=0.01))
+    text = metrics_json({"a": VALUES}, VALUES, config)
+    assert json.loads(text) == {
+        "clips": {"a": VALUES},
+        "overall": VALUES,
+        "config": {"sted": {"distance": 1, "window": 11, "temporal_weight": 0.136, "frame_step": 0.01}},
+    }
