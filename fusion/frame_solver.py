@@ -17,9 +17,11 @@ from fusion.initialise import InitialWeights, Readings
 from fusion.input_checks import rest_mesh
 from fusion.inputs import FusionInputs
 from fusion.losses import anchor_weights
+from fusion.obstacles.bvh import MeshBvh
 from fusion.obstacles.clearance import lift_clear
 from fusion.obstacles.layers import MovingObstacle, Obstacles, OuterSurface
 from fusion.obstacles.sdf import BodySdf, SdfQuery
+from fusion.obstacles.surface_contact import SurfaceContact
 from fusion.parallel import be_one_of_many, n_threads
 from fusion.report import Stopwatch
 from fusion.robust.automatic_confidence import AutomaticConfidence, JudgedMaps
@@ -105,7 +107,7 @@ class FrameSolver:
         # An obstacle stands in one pose at a time: each thread takes one while it works.
         self._obstacles: SimpleQueue[_CachedObstacle | None] = SimpleQueue()
         for _ in range(threads + bool(config.smooth_time_s)):  # one for `settled`, beside the threads
-            self._obstacles.put(_obstacle(inputs, config, device))
+            self._obstacles.put(_obstacle(inputs, config, device, self._topology))
         self._crossings: SimpleQueue[CrossingReport] = SimpleQueue()  # as the obstacles
         for _ in range(threads):
             self._crossings.put(CrossingReport(imager.mesh, inputs, device))
@@ -182,6 +184,7 @@ class FrameSolver:
                 target=target,
                 confidence=confidence,
                 obstacle=obstacle,
+                surface=None if obstacle is None else obstacle.surface,
             )
             with watch.stage("normal"):
                 stages["normal"] = self._solver.normal_stage(problem)
@@ -310,17 +313,28 @@ class FrameSolver:
             clearance_m=self._config.clearance_m,
             rounds=self._config.clearance_rounds,
             fixed=self._fixed,
+            surface=obstacle.surface,
         )
         fractions = [(distance < 0).float().mean(-1).cpu().numpy() for distance in (before, cleared.distance)]
         return cleared.vertices, (fractions[0], fractions[1])
 
 
 class _CachedObstacle:
-    """An obstacle that remembers its last answer: solver, report and clean-up ask about the same vertices."""
+    """An obstacle that remembers its last answer: solver, report and clean-up ask about the same vertices.
 
-    def __init__(self, obstacle: Obstacles) -> None:
-        self._obstacle = obstacle
+    Args:
+        obstacle: what is asked.
+        surface: finds where the garment between its vertices is in it.
+    """
+
+    def __init__(self, obstacle: Obstacles, surface: SurfaceContact | None = None) -> None:
+        self._obstacle, self.surface = obstacle, surface
         self._last: tuple[torch.Tensor, SdfQuery] | None = None
+
+    @property
+    def surfaces(self) -> tuple[MeshBvh, ...]:
+        """As `Obstacles.surfaces`."""
+        return self._obstacle.surfaces
 
     def update(self, *vertices: torch.Tensor) -> None:
         """As `Obstacles.update`."""
@@ -342,7 +356,9 @@ class _CachedObstacle:
         return self._obstacle.distance(points)
 
 
-def _obstacle(inputs: FusionInputs, config: FusionConfig, device: torch.device) -> _CachedObstacle | None:
+def _obstacle(
+    inputs: FusionInputs, config: FusionConfig, device: torch.device, topology: Topology
+) -> _CachedObstacle | None:
     """Body and inner garment as one, None without either."""
     parts: list[MovingObstacle] = []
     if inputs.body is not None:
@@ -358,7 +374,10 @@ def _obstacle(inputs: FusionInputs, config: FusionConfig, device: torch.device) 
                 band_m=config.sdf_band_m,
             )
         )
-    return _CachedObstacle(Obstacles(parts)) if parts else None
+    if not parts:
+        return None
+    obstacles = Obstacles(parts)
+    return _CachedObstacle(obstacles, SurfaceContact(obstacles, topology, device))
 
 
 def _pose(obstacle: _CachedObstacle, inputs: FusionInputs) -> None:

@@ -12,6 +12,7 @@ import torch
 from fusion.config import FusionConfig
 from fusion.crossing_report import CrossingFractions
 from fusion.obstacles.sdf import Obstacle
+from fusion.obstacles.surface_contact import SurfaceContact
 from fusion.robust.map_fault import MapFindings
 
 CENTIMETRES = 100.0  # in a metre; the unit of lengths that the weights are made for
@@ -29,6 +30,7 @@ class StageProblem:
         target: (T, P, 3) unit normals at the P covered pixels, ordered as `PixelFaces.places`.
         confidence: (T, P), what each pixel counts; None: 1 each.
         obstacle: the T posed bodies, or whatever vertices must stay outside of.
+        surface: finds where the cloth between vertices is in it; None: only vertices are kept out.
     """
 
     start: torch.Tensor
@@ -37,6 +39,7 @@ class StageProblem:
     target: torch.Tensor | None = None
     confidence: torch.Tensor | None = None
     obstacle: Obstacle | None = None
+    surface: SurfaceContact | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,6 +58,20 @@ class MeshBvh:
         self._meshes: list[Any] = []
         self._ids: Any = None
         self._batched = False
+        self._posed: torch.Tensor | None = None
+
+    @property
+    def vertices(self) -> torch.Tensor:
+        """(T, B, 3) float32 on the device, where the last `update` put them; no copy.
+
+        Raises:
+            InputError: there was none.
+        """
+        if self._posed is None:
+            raise InputError(
+                f"no pose of the {self._name} yet; call update({self._name}_vertices) before a query"
+            )
+        return self._posed
 
     def update(self, vertices: np.ndarray | torch.Tensor) -> torch.Tensor:
         """Move the mesh.
@@ -83,6 +97,7 @@ class MeshBvh:
         frames = moved.to(self.device, torch.float32).reshape(-1, self.n_vertices, 3).contiguous()
         with _torch_stream(self.device):
             self._place(frames)
+        self._posed = frames
         return frames
 
     def _place(self, frames: torch.Tensor) -> None:
@@ -91,16 +106,16 @@ class MeshBvh:
         for mesh, pose in zip(self._meshes, poses, strict=False):
             warp.copy(mesh.points, pose)
             mesh.refit()
-        if len(poses) == len(self._meshes):
+        if self._ids is not None and len(poses) == len(self._ids):
             return
+        # Those of larger batches stay for the next one.
         for pose in poses[len(self._meshes) :]:
             # Leaves of 2 faces: queries are 6 % faster than with Warp's 4, and refitting costs as much.
             points = warp.clone(pose)
             self._meshes.append(
                 warp.Mesh(points, self._indices, support_winding_number=self._winding, bvh_leaf_size=2)
             )
-        del self._meshes[len(poses) :]
-        ids = np.array([mesh.id for mesh in self._meshes], np.uint64)
+        ids = np.array([mesh.id for mesh in self._meshes[: len(poses)]], np.uint64)
         self._ids = warp.array(ids, dtype=warp.uint64, device=self._warp_device)
 
     def points(self, points: torch.Tensor) -> torch.Tensor:
@@ -109,15 +124,12 @@ class MeshBvh:
         Raises:
             InputError: no `update` came before, a wrong shape, or points that are not finite.
         """
-        if self._ids is None:
-            raise InputError(
-                f"no pose of the {self._name} yet; call update({self._name}_vertices) before a query"
-            )
+        poses = len(self.vertices)
         if points.ndim < 1 or points.shape[-1] != 3:
             raise InputError(f"points must have shape (..., 3), found {tuple(points.shape)}")
-        if self._batched and (points.ndim != 3 or len(points) != len(self._meshes)):
+        if self._batched and (points.ndim != 3 or len(points) != poses):
             raise InputError(
-                f"points must have shape ({len(self._meshes)}, N, 3), one frame a {self._name}, "
+                f"points must have shape ({poses}, N, 3), one frame a {self._name}, "
                 f"found {tuple(points.shape)}"
             )
         flat = points.detach().to(self.device, torch.float32).reshape(-1, 3).contiguous()
@@ -147,7 +159,7 @@ class MeshBvh:
         """
         if not count:
             return
-        poses, parts = len(self._meshes), 1
+        poses, parts = len(self.vertices), 1
         if count == len(flat) and self.device.type == "cpu":
             parts = max(1, min(n_threads(), count // _WORTH_A_THREAD))
         # Cut between poses; a single one anywhere.
@@ -159,6 +171,21 @@ class MeshBvh:
             if first < last
         ]
         run_all(pieces)
+
+    def launch_grid(self, kernel: Any, dim: tuple[int, ...], arguments: Sequence[Any]) -> None:
+        """Run `kernel(meshes, *arguments)` on a grid of threads that each find their pose by themselves.
+
+        Args:
+            kernel: its first argument are the meshes' ids, one a pose.
+            dim: of the grid; with a 0 in it nothing happens.
+            arguments: numbers, contiguous tensors, and Warp's arrays of vectors (`vectors`).
+        """
+        if 0 in dim:
+            return
+        warp = warp_module()
+        converted = [warp.from_torch(each) if isinstance(each, torch.Tensor) else each for each in arguments]
+        with _torch_stream(self.device):
+            launch(kernel, dim=dim, inputs=[self._ids, *converted], device=self._warp_device)
 
     def _launch(  # noqa: PLR0917
         self,
@@ -175,7 +202,7 @@ class MeshBvh:
             warp.from_torch(value) if isinstance(value, torch.Tensor) else value
             for value in (*arguments, *(result[part] for result in results))
         ]
-        per_pose = len(flat) // len(self._meshes)
+        per_pose = len(flat) // len(self.vertices)
         ids = self._ids[part.start // per_pose : -(-part.stop // per_pose)]
         points = warp.from_torch(flat[part], dtype=warp.vec3)
         with _torch_stream(self.device):
@@ -185,6 +212,12 @@ class MeshBvh:
                 inputs=[ids, per_pose, points, *converted],
                 device=self._warp_device,
             )
+
+
+def vectors(tensor: torch.Tensor) -> Any:
+    """(..., 3) float32, contiguous, as Warp's array of vectors in the same memory."""
+    warp = warp_module()
+    return warp.from_torch(tensor, dtype=warp.vec3)
 
 
 @contextmanager

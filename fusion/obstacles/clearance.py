@@ -6,20 +6,19 @@ from dataclasses import dataclass
 
 import torch
 
+from fusion.obstacles.lifting import SdfCache, followed, lifted, padded_places, smoothed
 from fusion.obstacles.sdf import Obstacle
+from fusion.obstacles.surface_contact import SurfaceContact, SurfaceContacts
 from fusion.topology import Topology
-from render.mesh.normals import safe_normalize
 
-# Fraction of a lifted vertex's step that its neighbours make, so that a single lifted vertex makes no spike.
-_FOLLOW = 0.5
-# Metres more than asked for, so that rounding leaves no vertex a hair below.
-_MORE = 2e-6
 # Metres of depth up to which the first round lifts; the reach doubles with every round, and the last two have no limit.
 _REACH = 0.02
-# Edges of deep vertices are pulled to at most so many times their rest length, in so many sweeps a round.
-_STRETCH, _SWEEPS = 1.5, 10
-# Between two walls: metres that may be missing, and the longest step along their middle in multiples of that.
-_SQUEEZED, _LONGEST_STEP = 0.005, 10.0
+# Rounds for the cloth between vertices, in multiples of those for vertices: most end after three or four.
+_BETWEEN = 2
+# Metres above its clearance up to which a vertex is not pushed towards what is below it.
+_TOUCHING = 5e-4
+# After so many rounds what still crosses is taken for tangled; and rounds for the vertices that are smoothed then.
+_TANGLED, _VERTEX_ROUNDS = 7, 6
 # Of the search at the end: directions tried at every distance, and in metres the first distance, the ratio of each
 # distance to the one before, and the last one.
 _DIRECTIONS, _NEAREST, _RATIO, _UTMOST = 64, 1e-3, 1.25, 4.0
@@ -31,8 +30,9 @@ class Clearance:
 
     Args:
         vertices: (T, N, 3), metres.
-        rounds: in which something was lifted.
-        queried: points that the obstacle was asked about, in multiples of T N.
+        rounds: in which vertices were lifted.
+        queried: points that the obstacle was asked about in them, in multiples of T N.
+        rounds_between: in which the cloth between vertices was, afterwards.
         relocated: (T, N) bool, vertices that no round got out and a search in all directions did.
         remaining: (T, N) bool, vertices still nearer than the clearance: pinned, or shut in on all sides.
         distance: (T, N) metres, signed distances at the end.
@@ -41,6 +41,7 @@ class Clearance:
     vertices: torch.Tensor
     rounds: int
     queried: float
+    rounds_between: int
     relocated: torch.Tensor
     remaining: torch.Tensor
     distance: torch.Tensor
@@ -67,6 +68,7 @@ def lift_clear(
     clearance_m: float,
     rounds: int,
     fixed: torch.Tensor | None = None,
+    surface: SurfaceContact | None = None,
 ) -> Clearance:
     """Lift vertices that are nearer to the body than `clearance_m`, or inside it.
 
@@ -77,9 +79,14 @@ def lift_clear(
     once it is out, pulls them along by their edges, so that they come out on its side. What is still inside after
     all rounds is put at the nearest clear place of a search in all directions.
 
-    So afterwards no vertex but the pinned ones is nearer than `clearance_m`. Two things are undefined: on which side
-    a vertex comes out that is nearer to another side of the body and has no edge to cloth outside; and what happens
-    between vertices, where a large face may still cut through the body.
+    So afterwards no vertex but the pinned ones is nearer than `clearance_m`. Undefined is on which side a vertex comes
+    out that is nearer to another side of the body and has no edge to cloth outside.
+
+    Then the cloth between vertices: where an edge of it passes through the body, or an edge of the body through it, the
+    least move of the vertices around brings it out (`SurfaceContact`), but not towards what they touch themselves, and
+    others follow as above. What seven rounds do not bring out is tangled, such as an edge with its ends on two sides of
+    an arm: vertices around it are put where their neighbours draw them, and lifted again. Most cloth is out after three
+    or four rounds, and each looks only at what the one before moved; what twenty do not bring out stays.
 
     The garment may touch or cross itself afterwards: its collisions with itself are outside what the fusion solves.
 
@@ -88,106 +95,86 @@ def lift_clear(
         sdf: one posed obstacle a frame.
         topology: of the garment.
         clearance_m: metres, the distance that lifted vertices get.
-        rounds: at most; fewer where all vertices are clear; 0 leaves everything as it is.
+        rounds: at most, and twice as many for the cloth between vertices; fewer where all is clear; 0 leaves
+            everything as it is.
         fixed: (N,) bool, vertices that must not move; None holds none.
+        surface: of this obstacle and topology, where it is used again; made anew if None.
     """
     loose = torch.ones(vertices.shape[1], dtype=torch.bool, device=vertices.device)
     if fixed is not None:
         loose = ~fixed.to(vertices.device)
     cache = SdfCache(vertices, sdf)
-    number = 0
-    for number in range(rounds + 1):
-        missing = (clearance_m - cache.distance) * loose
-        if number == rounds or not bool((missing > 0).any()):
-            break
-        last = number >= rounds - 2
-        reach = float("inf") if last else _REACH * 2**number
-        cache.move(_round(cache, topology, missing, reach=reach, follow=not last, loose=loose))
+    number = _lift_vertices(cache, topology, clearance_m=clearance_m, rounds=rounds, loose=loose)
     relocated = torch.zeros_like(cache.distance, dtype=torch.bool)
+    between = 0
     if rounds:
         relocated = move_to_clear_places(cache, (cache.distance < clearance_m) & loose, clearance_m)
+    asked = cache.asked / max(cache.distance.numel(), 1)
+    if rounds:
+        surface = surface or SurfaceContact(sdf, topology, vertices.device)
+        between = _lift_between(
+            cache, surface, topology, clearance_m=clearance_m, rounds=_BETWEEN * rounds, loose=loose
+        )
+        relocated |= move_to_clear_places(cache, (cache.distance < clearance_m) & loose, clearance_m)
     remaining = cache.distance < clearance_m
-    asked = cache.asked / max(remaining.numel(), 1)
-    return Clearance(cache.vertices, number, asked, relocated, remaining, cache.distance)
+    return Clearance(cache.vertices, number, asked, between, relocated, remaining, cache.distance)
 
 
-def _round(
+def _lift_vertices(
+    cache: SdfCache, topology: Topology, *, clearance_m: float, rounds: int, loose: torch.Tensor
+) -> int:
+    """Lift vertices that lack clearance, in so many rounds at most: how many it took."""
+    for number in range(rounds):
+        missing = (clearance_m - cache.distance) * loose
+        if not bool((missing > 0).any()):
+            return number
+        last = number >= rounds - 2
+        reach = float("inf") if last else _REACH * 2**number
+        cache.move(lifted(cache, topology, missing, reach=reach, follow=not last, loose=loose))
+    return rounds
+
+
+def _lift_between(
     cache: SdfCache,
+    surface: SurfaceContact,
     topology: Topology,
-    missing: torch.Tensor,
     *,
-    reach: float,
-    follow: bool,
+    clearance_m: float,
+    rounds: int,
     loose: torch.Tensor,
+) -> int:
+    """Lift the cloth between its vertices out of the obstacle, and no vertex back into it: how many rounds it took."""
+    moved = None
+    for number in range(rounds):
+        contacts = surface.find(cache.vertices, cache.distance, moved)
+        if contacts is None:
+            return number
+        before = cache.vertices
+        if number % _TANGLED == _TANGLED - 1 and number < rounds - 2:
+            tangled = _around(contacts, before, topology, rings=1 + number // _TANGLED) & loose
+            cache.move(smoothed(before, tangled, topology))
+            left = _VERTEX_ROUNDS
+        else:
+            touching = (cache.distance < clearance_m + _TOUCHING)[..., None]
+            lift = contacts.lifts(before, loose, torch.where(touching, cache.direction, 0.0))
+            if number < rounds - 2:
+                lift = followed(lift, topology, ~(lift != 0).any(-1) & loose)
+            cache.move(before + lift)
+            left = 1
+        _lift_vertices(cache, topology, clearance_m=clearance_m, rounds=left, loose=loose)
+        moved = (cache.vertices != before).any(-1)
+    return rounds
+
+
+def _around(
+    contacts: SurfaceContacts, vertices: torch.Tensor, topology: Topology, *, rings: int
 ) -> torch.Tensor:
-    """(T, N, 3) the vertices after one round of lifting."""
-    low = missing > 0
-    deep = low & (cache.distance < -reach)
-    lifted = (low & ~deep)[..., None]
-    squeezed = (missing < _SQUEEZED)[..., None]
-    upward = safe_normalize(cache.direction + torch.where(squeezed, cache.lifted_along, 0.0))
-    slope = (upward * cache.direction).sum(-1, keepdim=True).clamp(min=1 / _LONGEST_STEP)
-    lift = torch.where(lifted, (missing + _MORE)[..., None] * upward / slope, 0.0)
-    cache.lifted_along = torch.where(lifted, cache.direction, 0.0)
-    if follow:
-        degree = topology.adjacency(lift.new_ones(topology.n_vertices, 1)).clamp(min=1)
-        along = _FOLLOW * topology.adjacency(lift) / degree
-        lift = torch.where((~low & loose)[..., None], along, lift)
-    vertices = cache.vertices + lift
-    return _pulled(vertices, deep, topology) if bool(deep.any()) else vertices
-
-
-def _pulled(vertices: torch.Tensor, deep: torch.Tensor, topology: Topology) -> torch.Tensor:
-    """Deep vertices moved so that their edges are no longer than `_STRETCH` times their rest lengths, about."""
-    edges = torch.from_numpy(topology.edges).to(vertices.device)
-    touched = (deep[:, edges[:, 0]] | deep[:, edges[:, 1]]).any(0)
-    first, second = edges[touched].T
-    longest = _STRETCH * topology.rest_lengths.to(vertices)[touched]
-    for _ in range(_SWEEPS):
-        span = vertices[:, second] - vertices[:, first]
-        length = torch.linalg.vector_norm(span, dim=-1)
-        pull = (1 - longest / length.clamp(min=1e-12)).clamp(min=0)[..., None] * span
-        counted = torch.cat([pull, (pull != 0).any(-1, keepdim=True).to(pull)], -1)
-        back = torch.cat([-pull, counted[..., 3:]], -1)
-        total = vertices.new_zeros(*vertices.shape[:2], 4)
-        total = total.index_add(1, first, counted).index_add(1, second, back)
-        step = total[..., :3] / total[..., 3:].clamp(min=1)
-        vertices = torch.where(deep[..., None], vertices + step, vertices)
-    return vertices
-
-
-class SdfCache:
-    """Vertices with their distance and direction; only those that moved are asked about again.
-
-    Args:
-        vertices: (T, N, 3), metres.
-        sdf: one posed obstacle a frame.
-    """
-
-    def __init__(self, vertices: torch.Tensor, sdf: Obstacle) -> None:
-        self.sdf, self.vertices = sdf, vertices
-        query = sdf.query(vertices)
-        self.distance, self.direction = query.distance.to(vertices), query.direction.to(vertices)
-        #: (T, N, 3) along which the last round lifted each vertex; 0 where it did not.
-        self.lifted_along = torch.zeros_like(vertices)
-        self.asked = self.distance.numel()
-
-    def move(self, vertices: torch.Tensor) -> None:
-        """Take other vertices (T, N, 3)."""
-        moved = (vertices != self.vertices).any(-1)
-        places = _padded_places(moved)
-        spots = places[..., None].expand(-1, -1, 3)
-        query = self.sdf.query(vertices.gather(1, spots))
-        self.vertices = vertices
-        self.distance = self.distance.scatter(1, places, query.distance.to(vertices))
-        self.direction = self.direction.scatter(1, spots, query.direction.to(vertices))
-        self.asked += places.numel()
-
-
-def _padded_places(chosen: torch.Tensor) -> torch.Tensor:
-    """(T, N) bool -> (T, K) int64: where each row is true, K the most in a row; shorter rows end with any others."""
-    most = int(chosen.sum(-1).max()) if chosen.numel() else 0
-    return torch.argsort(chosen, dim=1, descending=True, stable=True)[:, :most]
+    """(T, N) bool, which vertices (T, N, 3) have a contact, with so many rings of neighbours."""
+    around = vertices.new_zeros(vertices.shape[:2])
+    around[contacts.frame[:, None], contacts.corners] = 1
+    for _ in range(rings):
+        around = ((around + topology.adjacency(around[..., None])[..., 0]) > 0).to(around)
+    return around > 0
 
 
 def move_to_clear_places(cache: SdfCache, inside: torch.Tensor, clearance_m: float) -> torch.Tensor:
@@ -205,7 +192,7 @@ def move_to_clear_places(cache: SdfCache, inside: torch.Tensor, clearance_m: flo
     directions = _sphere(_DIRECTIONS).to(cache.vertices)
     distance = _NEAREST
     while bool(inside.any()) and distance < _UTMOST:
-        places = _padded_places(inside)
+        places = padded_places(inside)
         spots = places[..., None].expand(-1, -1, 3)
         tried = cache.vertices.gather(1, spots)[:, :, None] + distance * directions
         clear = cache.sdf.query(tried.flatten(1, 2)).distance.reshape(tried.shape[:-1]) >= clearance_m

@@ -33,25 +33,31 @@ def around_side(a: wp.vec3d, b: wp.vec3d, p: wp.vec3d, q: wp.vec3d, turned: bool
 
 
 @wp.func
-def passes(a: wp.vec3d, b: wp.vec3d, mesh: wp.uint64, face: int):
-    """Whether the edge a b passes through the face: see `fusion.obstacles.crossings` for the rule."""
+def through(a: wp.vec3d, b: wp.vec3d, p: wp.vec3d, q: wp.vec3d, r: wp.vec3d, i: int, j: int, k: int):
+    """Whether the edge a b passes through the face p q r, whose corners are vertices i, j and k."""
     zero = wp.float64(0.0)
-    p = corner(mesh, 3 * face)
-    q = corner(mesh, 3 * face + 1)
-    r = corner(mesh, 3 * face + 2)
     normal = wp.cross(q - p, r - p)
     first = wp.dot(normal, a - p)
     last = wp.dot(normal, b - p)
-    through = bool(False)
+    inside = bool(False)
     if (first < zero and last > zero) or (first > zero and last < zero):
-        i = wp.mesh_get_index(mesh, 3 * face)
-        j = wp.mesh_get_index(mesh, 3 * face + 1)
-        k = wp.mesh_get_index(mesh, 3 * face + 2)
         s = around_side(a, b, p, q, i > j)
         t = around_side(a, b, q, r, j > k)
         u = around_side(a, b, r, p, k > i)
-        through = (s >= zero and t >= zero and u >= zero) or (s <= zero and t <= zero and u <= zero)
-    return through
+        inside = (s >= zero and t >= zero and u >= zero) or (s <= zero and t <= zero and u <= zero)
+    return inside
+
+
+@wp.func
+def passes(a: wp.vec3d, b: wp.vec3d, mesh: wp.uint64, face: int):
+    """Whether the edge a b passes through the face: see `fusion.obstacles.crossings` for the rule."""
+    i = wp.mesh_get_index(mesh, 3 * face)
+    j = wp.mesh_get_index(mesh, 3 * face + 1)
+    k = wp.mesh_get_index(mesh, 3 * face + 2)
+    p = corner(mesh, 3 * face)
+    q = corner(mesh, 3 * face + 1)
+    r = corner(mesh, 3 * face + 2)
+    return through(a, b, p, q, r, i, j, k)
 
 
 @wp.func

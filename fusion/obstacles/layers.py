@@ -63,6 +63,11 @@ class OuterSurface:
         self._widths = float(band_m), float(inner_band_m), float(offset_m)
         self._rims = torch.from_numpy(_rims(self._mesh.faces, n_vertices)).to(self._mesh.device)
 
+    @property
+    def surfaces(self) -> tuple[MeshBvh, ...]:
+        """The surface's mesh, not raised."""
+        return (self._mesh,)
+
     def update(self, vertices: np.ndarray | torch.Tensor) -> None:
         """Move the surface to (M, 3), or (T, M, 3) for one pose a frame, metres.
 
@@ -106,6 +111,11 @@ class Obstacles:
         if not parts:
             raise InputError("Obstacles: at least one obstacle is wanted, found none")
         self._parts = tuple(parts)
+
+    @property
+    def surfaces(self) -> tuple[MeshBvh, ...]:
+        """The meshes of all parts."""
+        return tuple(mesh for part in self._parts for mesh in part.surfaces)
 
     def update(self, *vertices: np.ndarray | torch.Tensor) -> None:
         """Move every part, in the order of `parts`; each as its own `update` takes it.

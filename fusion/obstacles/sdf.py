@@ -37,6 +37,11 @@ class SdfQuery:
 class Obstacle(Protocol):
     """Something that the garment must stay outside of: `BodySdf`, `OuterSurface`, or several as `Obstacles`."""
 
+    @property
+    def surfaces(self) -> tuple[MeshBvh, ...]:
+        """The meshes that bound it; they take their poses with it."""
+        ...
+
     def query(self, points: torch.Tensor) -> SdfQuery:
         """Distance, direction and closest point of points (T, N, 3), without autograd."""
         ...
@@ -106,6 +111,11 @@ class BodySdf:
     def device(self) -> torch.device:
         """Where points must lie."""
         return self._body.device
+
+    @property
+    def surfaces(self) -> tuple[MeshBvh, ...]:
+        """The body's mesh."""
+        return (self._body,)
 
     def update(self, body_vertices: np.ndarray | torch.Tensor) -> None:
         """Move the body.

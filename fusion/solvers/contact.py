@@ -8,9 +8,11 @@ import torch
 
 from fusion.losses import collision_loss
 from fusion.obstacles.sdf import Obstacle
+from fusion.obstacles.surface_contact import SurfaceContact
 from fusion.solvers.energy import Energy
 from fusion.solvers.recorder import Recorder
 
+_RAISINGS = 1  # of planes after a query, for the cloth between vertices; the clean-up does what is left
 _TOUCHING = 1e-5  # metres: a vertex nearer to its plane than this touches it
 
 
@@ -18,13 +20,16 @@ class Contact:
     """An obstacle that is asked for only every few steps.
 
     In between, the surface below each vertex is its tangent plane; within the few millimetres that a vertex moves,
-    that is as good.
+    that is as good. Where the cloth between vertices is in the obstacle although they are not, their planes are
+    raised until it is not.
 
     Args:
         obstacle: one posed obstacle a frame.
         like: (T, N, 3), sets device and dtype.
         margin_m: metres of clearance that vertices keep.
         every_steps: steps between two queries.
+        surface: finds where the cloth between vertices is in the obstacle; None: only vertices are kept out.
+        loose: (N,) bool, vertices that may move; None for all.
 
     Attributes:
         normal: (T, N, 3) unit vectors away from the surface, 0 where it is too far to matter.
@@ -32,8 +37,19 @@ class Contact:
         depth: (T,) metres, the collision term of equation 7 at the last query.
     """
 
-    def __init__(self, obstacle: Obstacle, like: torch.Tensor, *, margin_m: float, every_steps: int) -> None:
+    def __init__(
+        self,
+        obstacle: Obstacle,
+        like: torch.Tensor,
+        *,
+        margin_m: float,
+        every_steps: int,
+        surface: SurfaceContact | None = None,
+        loose: torch.Tensor | None = None,
+    ) -> None:
         self._obstacle, self._margin, self._every = obstacle, margin_m, every_steps
+        self._surface = surface
+        self._loose = like.new_ones(like.shape[1], dtype=torch.bool) if loose is None else loose
         self.normal = torch.zeros_like(like, memory_format=torch.contiguous_format)
         self.offset = self.normal.new_zeros(like.shape[:2])
         self.depth = self.normal.new_zeros(len(like))
@@ -49,6 +65,26 @@ class Contact:
         distance = query.distance.to(vertices)
         torch.add((self.normal * vertices).sum(-1), self._margin - distance, out=self.offset)
         self.depth = collision_loss(distance, margin_m=self._margin)
+        if self._surface is not None:
+            self._raise_planes(self._surface, vertices, distance)
+
+    def measure(self, vertices: torch.Tensor) -> None:
+        """Set the depth at vertices (T, N, 3), and leave the planes."""
+        distance = self._obstacle.query(vertices).distance.to(vertices)
+        self.depth = collision_loss(distance, margin_m=self._margin)
+
+    def _raise_planes(self, surface: SurfaceContact, vertices: torch.Tensor, distance: torch.Tensor) -> None:
+        """Raise planes so that the cloth between vertices (T, N, 3), once these are on or above them, is outside."""
+        lift = (self._margin - distance).clamp(min=0) * self._loose
+        outside, moved = vertices + lift[..., None] * self.normal, None
+        for _ in range(_RAISINGS):
+            contacts = surface.find(outside, distance + lift, moved)
+            if contacts is None:
+                break
+            step = contacts.lifts(outside, self._loose, torch.zeros_like(outside))
+            outside, moved = outside + step, (step != 0).any(-1)
+            height = (self.normal * outside).sum(-1)
+            self.offset.copy_(torch.where(moved, torch.maximum(self.offset, height), self.offset))
 
 
 class ConstrainedStep:

@@ -79,6 +79,8 @@ class LocalGlobalSolver:
                 problem.anchor,
                 margin_m=config.collision_margin_m,
                 every_steps=config.sdf_every_iterations,
+                surface=problem.surface,
+                loose=self._loose,
             )
         limits = config.normal_iterations, config.normal_tolerance
         return self._descend(problem, self._normal_weights, self._normal_factor, limits, contact)

@@ -106,7 +106,7 @@ class _Run:
             if not bool(self._going.any()):
                 break
         if contact is not None:
-            contact.update_planes(constrained.vertices)
+            contact.measure(constrained.vertices)
             depths[-1] = contact.depth
         return Descent(
             constrained.vertices,

@@ -10,6 +10,8 @@ from fusion.obstacles.sdf import SdfQuery, differentiable_distance
 class HalfSpace:
     """All points with y below `height` metres are inside; distances are exact and linear."""
 
+    surfaces = ()  # it has no mesh
+
     def __init__(self, height: float = 0.0) -> None:
         self.height = height
         self.queries: list[torch.Tensor] = []  # the points of each

@@ -6,7 +6,8 @@ import torch
 import trimesh
 
 from fusion import BodySdf, FusionConfig, OuterSurface, Topology, clear_body, fuse, lift_clear
-from fusion.obstacles.clearance import SdfCache, _padded_places, _pulled, _sphere
+from fusion.obstacles.clearance import _sphere
+from fusion.obstacles.lifting import SdfCache, padded_places, pulled
 from render import Mesh
 from tests.helpers.example_meshes import two_triangles
 from tests.helpers.fusion_examples import (
@@ -239,13 +240,13 @@ def test_after_fusing_a_prediction_deep_inside_nothing_is_in_the_body_or_the_gar
 
 def test_places_that_are_chosen_are_padded_to_the_longest_row():
     chosen = torch.tensor([[False, True, False, True], [True, False, False, False], [False] * 4])
-    places = _padded_places(chosen)
+    places = padded_places(chosen)
     assert places.shape == (3, 2)
     assert places[0].tolist() == [1, 3]
     assert places[1, 0].item() == 0
     assert len(set(places[2].tolist())) == 2  # any two, but not one twice
-    assert _padded_places(torch.zeros(2, 4, dtype=torch.bool)).shape == (2, 0)
-    assert _padded_places(torch.zeros(0, 4, dtype=torch.bool)).shape == (0, 0)
+    assert padded_places(torch.zeros(2, 4, dtype=torch.bool)).shape == (2, 0)
+    assert padded_places(torch.zeros(0, 4, dtype=torch.bool)).shape == (0, 0)
 
 
 def test_directions_of_the_search_are_spread_evenly():
@@ -279,11 +280,11 @@ def test_a_deep_vertex_is_pulled_until_its_edges_are_no_more_than_half_as_long_a
     vertices = torch.from_numpy(two_triangles().vertices).float()[None].clone()
     vertices[0, 1] += torch.tensor([0.0, 0, -5.0])
     deep = torch.tensor([[False, True, False, False]])
-    found = _pulled(vertices, deep, topology)
+    found = pulled(vertices, deep, topology)
     lengths = topology.difference(found).norm(dim=-1)[0]
     assert lengths.max() < 1.51 * topology.rest_lengths.max()
     assert torch.equal(found[0, ~deep[0]], vertices[0, ~deep[0]])
-    assert torch.equal(_pulled(vertices, ~deep & deep, topology), vertices)  # nothing is deep
+    assert torch.equal(pulled(vertices, ~deep & deep, topology), vertices)  # nothing is deep
 
 
 def test_on_flat_ground_each_vertex_gets_what_is_missing_straight_up():

@@ -1,0 +1,128 @@
+"""One round of putting vertices outside of an obstacle, and what keeps cloth in shape meanwhile."""
+
+from __future__ import annotations
+
+import torch
+
+from fusion.obstacles.sdf import Obstacle
+from fusion.topology import Topology
+from render.mesh.normals import safe_normalize
+
+# Fraction of a lifted vertex's step that its neighbours make, so that a single lifted vertex makes no spike.
+_FOLLOW = 0.5
+# Metres more than asked for, so that rounding leaves no vertex a hair below.
+_MORE = 2e-6
+# Edges of deep vertices are pulled to at most so many times their rest length, in so many sweeps a round.
+_STRETCH, _SWEEPS = 1.5, 10
+# Between two walls: metres that may be missing, and the longest step along their middle in multiples of that.
+_SQUEEZED, _LONGEST_STEP = 0.005, 10.0
+# Sweeps over tangled vertices.
+_SMOOTHINGS = 20
+
+
+class SdfCache:
+    """Vertices with their distance and direction; only those that moved are asked about again.
+
+    Args:
+        vertices: (T, N, 3), metres.
+        sdf: one posed obstacle a frame.
+    """
+
+    def __init__(self, vertices: torch.Tensor, sdf: Obstacle) -> None:
+        self.sdf, self.vertices = sdf, vertices
+        query = sdf.query(vertices)
+        self.distance, self.direction = query.distance.to(vertices), query.direction.to(vertices)
+        #: (T, N, 3) along which the last round lifted each vertex; 0 where it did not.
+        self.lifted_along = torch.zeros_like(vertices)
+        self.asked = self.distance.numel()
+
+    def move(self, vertices: torch.Tensor) -> None:
+        """Take other vertices (T, N, 3)."""
+        moved = (vertices != self.vertices).any(-1)
+        places = padded_places(moved)
+        spots = places[..., None].expand(-1, -1, 3)
+        query = self.sdf.query(vertices.gather(1, spots))
+        self.vertices = vertices
+        self.distance = self.distance.scatter(1, places, query.distance.to(vertices))
+        self.direction = self.direction.scatter(1, spots, query.direction.to(vertices))
+        self.asked += places.numel()
+
+
+def lifted(
+    cache: SdfCache,
+    topology: Topology,
+    missing: torch.Tensor,
+    *,
+    reach: float,
+    follow: bool,
+    loose: torch.Tensor,
+) -> torch.Tensor:
+    """(T, N, 3) the vertices after one round of lifting: see `fusion.obstacles.clearance.lift_clear`.
+
+    Args:
+        cache: the vertices.
+        topology: of the garment.
+        missing: (T, N) metres that vertices lack, above 0 where they do.
+        reach: metres of depth up to which they are lifted; deeper ones are pulled by their edges.
+        follow: whether neighbours make a part of the step.
+        loose: (N,) bool, vertices that may move.
+    """
+    low = missing > 0
+    deep = low & (cache.distance < -reach)
+    ready = (low & ~deep)[..., None]
+    squeezed = (missing < _SQUEEZED)[..., None]
+    upward = safe_normalize(cache.direction + torch.where(squeezed, cache.lifted_along, 0.0))
+    slope = (upward * cache.direction).sum(-1, keepdim=True).clamp(min=1 / _LONGEST_STEP)
+    lift = torch.where(ready, (missing + _MORE)[..., None] * upward / slope, 0.0)
+    cache.lifted_along = torch.where(ready, cache.direction, 0.0)
+    if follow:
+        lift = followed(lift, topology, ~low & loose)
+    vertices = cache.vertices + lift
+    return pulled(vertices, deep, topology) if bool(deep.any()) else vertices
+
+
+def followed(lift: torch.Tensor, topology: Topology, following: torch.Tensor) -> torch.Tensor:
+    """Lifts (T, N, 3) where vertices `following` (T, N) make half of their neighbours' mean."""
+    degree = topology.adjacency(lift.new_ones(topology.n_vertices, 1)).clamp(min=1)
+    along = _FOLLOW * topology.adjacency(lift) / degree
+    return torch.where(following[..., None], along, lift)
+
+
+def smoothed(vertices: torch.Tensor, tangled: torch.Tensor, topology: Topology) -> torch.Tensor:
+    """Vertices (T, N, 3) of which those `tangled` (T, N) lie where their neighbours draw them, about."""
+    edges = torch.from_numpy(topology.edges).to(vertices.device)
+    touched = (tangled[:, edges[:, 0]] | tangled[:, edges[:, 1]]).any(0)
+    first, second = edges[touched].T
+    degree = torch.bincount(edges[touched].flatten(), minlength=topology.n_vertices).clamp(min=1)
+    for _ in range(_SMOOTHINGS):
+        total = torch.zeros_like(vertices)
+        total.index_add_(1, first, vertices[:, second]).index_add_(1, second, vertices[:, first])
+        vertices = torch.where(tangled[..., None], total / degree[:, None], vertices)
+    return vertices
+
+
+def pulled(vertices: torch.Tensor, deep: torch.Tensor, topology: Topology) -> torch.Tensor:
+    """Deep vertices moved so that their edges are no longer than `_STRETCH` times their rest lengths, about."""
+    edges = torch.from_numpy(topology.edges).to(vertices.device)
+    touched = (deep[:, edges[:, 0]] | deep[:, edges[:, 1]]).any(0)
+    first, second = edges[touched].T
+    longest = _STRETCH * topology.rest_lengths.to(vertices)[touched]
+    for _ in range(_SWEEPS):
+        span = vertices[:, second] - vertices[:, first]
+        length = torch.linalg.vector_norm(span, dim=-1)
+        pull = (1 - longest / length.clamp(min=1e-12)).clamp(min=0)[..., None] * span
+        counted = torch.cat([pull, (pull != 0).any(-1, keepdim=True).to(pull)], -1)
+        back = torch.cat([-pull, counted[..., 3:]], -1)
+        total = vertices.new_zeros(*vertices.shape[:2], 4)
+        total = total.index_add(1, first, counted).index_add(1, second, back)
+        step = total[..., :3] / total[..., 3:].clamp(min=1)
+        vertices = torch.where(deep[..., None], vertices + step, vertices)
+    return vertices
+
+
+def padded_places(chosen: torch.Tensor) -> torch.Tensor:
+    """(T, N) bool -> (T, K) int64: where each row is true, K the most in a row; shorter rows have others, too."""
+    missing = chosen.sum(-1, keepdim=True)
+    most = int(missing.max()) if chosen.numel() else 0
+    others = (~chosen).cumsum(-1) <= most - missing
+    return (chosen | others).nonzero()[:, 1].view(len(chosen), most)

@@ -1,0 +1,268 @@
+"""Where cloth between its vertices is in an obstacle: edges and faces that pass through it, and how far they must go.
+
+Vertices outside do not keep edges and faces out: a knee comes through the middle of a face, and an edge cuts across a
+shoulder. Both show as edges of one mesh that pass through faces of the other. What a crossing asks for is said for a
+point of the cloth: a mean of the corners of a face or of the ends of an edge, a direction and a length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from fusion.obstacles.bvh import MeshBvh, vectors
+from fusion.obstacles.sdf import Obstacle
+from fusion.topology import Topology
+from render.mesh.normals import VertexNormals, safe_normalize
+
+# Metres by which a point of the cloth that has been inside is put outside: files hold float32, and lifts of its
+# neighbours move it, too.
+_CLEAR = 2e-4
+# Metres: a body's vertex farther from the cloth than this has not just come through it.
+_NEAR = 0.05
+# Least cosine between the body's normal and the direction from the cloth to a point of the body that has come through.
+_ALONG = 0.2
+# Metres that a point moves at once, and the least squared length of how it moves with its corners, below which walls
+# leave it no room.
+_LONGEST, _LEAST = 0.01, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceContacts:
+    """K points of the cloth that must move.
+
+    Args:
+        frame: (K,) int64.
+        corners: (K, 3) int64, vertices of the cloth around the point.
+        weights: (K, 3) of sum 1, with which it is their mean.
+        direction: (K, 3) unit vectors, out of the obstacle.
+        depth: (K,) metres to move along it, above 0.
+    """
+
+    frame: torch.Tensor
+    corners: torch.Tensor
+    weights: torch.Tensor
+    direction: torch.Tensor
+    depth: torch.Tensor
+
+    def lifts(self, like: torch.Tensor, loose: torch.Tensor, walls: torch.Tensor) -> torch.Tensor:
+        """(T, N, 3) by which vertices `like` (T, N, 3) must move so that the points do.
+
+        Of the least moves that bring a point there, the mean where a vertex has several, weighted with how much of
+        the point is the vertex's. Only `loose` (N,) bool ones move, and none against its wall: `walls` (T, N, 3) are
+        unit vectors away from what a vertex touches, 0 where that is nothing.
+        """
+        weights = (self.weights * loose[self.corners])[..., None]
+        wall = walls[self.frame[:, None], self.corners]
+        against = (wall * self.direction[:, None]).sum(-1, keepdim=True).clamp(max=0)
+        open_to = weights * (self.direction[:, None] - against * wall)
+        squares = open_to.square().sum((1, 2), keepdim=True)
+        push = open_to * (self.depth.clamp(max=_LONGEST)[:, None, None] / squares.clamp(min=_LEAST))
+        places = self.frame[:, None] * like.shape[1] + self.corners
+        rows = torch.cat([push * weights, weights], -1).to(like)
+        total = like.new_zeros(like.shape[0] * like.shape[1], 4)
+        total.index_add_(0, places.reshape(-1), rows.reshape(-1, 4))
+        moved = total[:, :3] / total[:, 3:].clamp(min=1e-12)
+        return moved.view(like.shape)
+
+
+class SurfaceContact:
+    """Finds the contacts of a garment with an obstacle's surfaces.
+
+    Trees of boxes are kept and refitted; one `find` at a time.
+
+    Args:
+        obstacle: one posed obstacle a frame.
+        topology: of the garment.
+        device: of the vertices.
+    """
+
+    def __init__(self, obstacle: Obstacle, topology: Topology, device: torch.device) -> None:
+        self._obstacle = obstacle
+        self._mesh = MeshBvh(topology.faces, topology.n_vertices, device=device, name="garment")
+        self._sides = _Sides(self._mesh)
+        self._surfaces = [_Surface(mesh) for mesh in obstacle.surfaces]
+
+    def find(
+        self, vertices: torch.Tensor, distance: torch.Tensor, looked_at: torch.Tensor | None = None
+    ) -> SurfaceContacts | None:
+        """The contacts of vertices (T, N, 3), metres; None where there are none.
+
+        Args:
+            vertices: all of them outside, as far as possible.
+            distance: (T, N) metres, their distances.
+            looked_at: (T, N) bool: only faces with such a vertex are; None for all.
+        """
+        if not self._surfaces or not vertices.numel():
+            return None
+        if looked_at is None:
+            looked_at = torch.ones_like(distance, dtype=torch.bool)
+        active = looked_at.any(1).nonzero()[:, 0]
+        if not len(active):
+            return None
+        cloth = _Cloth(
+            active,
+            vertices[active].detach().to(torch.float32).contiguous(),
+            distance[active].to(torch.float32).contiguous(),
+            looked_at[active],
+        )
+        parts, posed = [], False
+        for surface in self._surfaces:
+            of_cloth, of_surface = self._crossed(surface, cloth)
+            parts.append(self._of_edges(cloth, of_cloth, len(vertices)))
+            if len(of_surface.edge):
+                if not posed:
+                    self._mesh.update(cloth.points)
+                    posed = True
+                parts.append(self._of_surface(surface, cloth, of_surface))
+        row, *others = (torch.cat(values) for values in zip(*parts, strict=True))
+        return SurfaceContacts(active[row], *others) if len(row) else None
+
+    def _crossed(self, surface: _Surface, cloth: _Cloth) -> list[_Crossed]:
+        """The cloth's edges that pass through the surface, and the surface's that pass through the cloth."""
+        from fusion.obstacles.surface_kernels import crossed  # noqa: PLC0415 (defining kernels imports warp)
+
+        places = [
+            cloth.points.new_tensor([2.0, -1.0]).repeat(len(cloth.points), len(sides.edges), 1)
+            for sides in (self._sides, surface.sides)
+        ]
+        surface.mesh.launch_grid(
+            crossed,
+            (len(cloth.points), len(self._sides.faces)),
+            [
+                cloth.frames.int(),
+                surface.sides.of_face,
+                vectors(cloth.points),
+                cloth.distance,
+                cloth.looked_at.to(torch.int8),
+                self._sides.faces,
+                self._sides.of_face,
+                *places,
+            ],
+        )
+        return [_Crossed.of(each) for each in places]
+
+    def _of_edges(self, cloth: _Cloth, crossed: _Crossed, n_frames: int) -> tuple[torch.Tensor, ...]:
+        """Contacts of the cloth's edges: halfway between the crossings, they must leave the obstacle."""
+        ends = self._sides.edges[crossed.edge]
+        nearer = torch.take_along_dim(cloth.distance[crossed.row], ends, 1).argmin(1)
+        once = crossed.first == crossed.last  # from there to an end, it is inside or below
+        first = torch.where(once & (nearer == 0), 0, crossed.first)
+        last = torch.where(once & (nearer == 1), 1, crossed.last)
+        middle = 0.5 * (first + last)
+        weights = torch.stack([1 - middle, middle, torch.zeros_like(middle)], -1)
+        corners = torch.cat([ends, ends[:, :1]], -1)
+        distance, direction = self._asked(
+            cloth.frames[crossed.row], cloth.mean(crossed.row, corners, weights), n_frames
+        )
+        inside = distance < _CLEAR
+        return tuple(
+            values[inside] for values in (crossed.row, corners, weights, direction, _CLEAR - distance)
+        )
+
+    def _asked(
+        self, frame: torch.Tensor, points: torch.Tensor, n_frames: int
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Distances (K,) and directions (K, 3) of points (K, 3), by ascending frames (K,)."""
+        if not len(frame):
+            return points.new_zeros(0), points
+        counts = torch.bincount(frame, minlength=n_frames)
+        place = torch.arange(len(frame), device=frame.device) - (counts.cumsum(0) - counts)[frame]
+        padded = points[:1].repeat(n_frames, int(counts.max()), 1)
+        padded[frame, place] = points
+        query = self._obstacle.query(padded)
+        return query.distance[frame, place], query.direction[frame, place]
+
+    def _of_surface(self, surface: _Surface, cloth: _Cloth, crossed: _Crossed) -> tuple[torch.Tensor, ...]:
+        """Contacts of points of the surface that have come through the cloth, which are beyond its nearest point as
+        seen along their normals: ends of edges that pass through it, and middles between places where they do."""
+        from fusion.obstacles.surface_kernels import nearest  # noqa: PLC0415 (defining kernels imports warp)
+
+        row, at, outwards = surface.samples(cloth.frames, crossed)
+        face = torch.empty(len(at), dtype=torch.int32, device=at.device)
+        weights = torch.zeros_like(at)
+        self._mesh.launch_grid(nearest, (len(at),), [row.int(), vectors(at), _NEAR, face, vectors(weights)])
+        corners = self._sides.faces[face.long()].long()
+        away = at - cloth.mean(row, corners, weights)
+        direction, length = safe_normalize(away), torch.linalg.vector_norm(away, dim=-1)
+        through = (face >= 0) & ((direction * outwards).sum(-1) > _ALONG)
+        return tuple(values[through] for values in (row, corners, weights, direction, length + _CLEAR))
+
+
+@dataclass(frozen=True, eq=False)
+class _Cloth:
+    """The frames (A,) that are looked at: their vertices (A, N, 3), distances and whether each is looked at (A, N)."""
+
+    frames: torch.Tensor
+    points: torch.Tensor
+    distance: torch.Tensor
+    looked_at: torch.Tensor
+
+    def mean(self, row: torch.Tensor, corners: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+        """(K, 3) points in rows (K,) with weights (K, 3) between vertices (K, 3)."""
+        return (self.points[row[:, None], corners] * weights[..., None]).sum(1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Crossed:
+    """Edges that cross: in which row of the frames (C,), which (C,), and in [0, 1] where first and last (C,)."""
+
+    row: torch.Tensor
+    edge: torch.Tensor
+    first: torch.Tensor
+    last: torch.Tensor
+
+    @classmethod
+    def of(cls, places: torch.Tensor) -> _Crossed:
+        """From what the kernel wrote (A, edges, 2)."""
+        row, edge = (places[..., 1] >= 0).nonzero(as_tuple=True)
+        return cls(row, edge, *places[row, edge].unbind(-1))
+
+
+class _Sides:
+    """The edges of a mesh and which of them bound each face, as the kernel `crossed` takes them."""
+
+    def __init__(self, mesh: MeshBvh) -> None:
+        halves = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]]  # (G, 3, 2)
+        edges, place = np.unique(np.sort(halves, axis=2).reshape(-1, 2), axis=0, return_inverse=True)
+        turned = halves[..., 0] > halves[..., 1]
+        of_face = (2 * place.reshape(turned.shape) + turned).astype(np.int32)
+        self.edges = torch.from_numpy(edges).to(mesh.device)
+        self.of_face = torch.from_numpy(of_face).to(mesh.device)
+        self.faces = torch.from_numpy(mesh.faces.astype(np.int32)).to(mesh.device)
+
+
+class _Surface:
+    """A surface of the obstacle with its edges and, once a pose, its normals."""
+
+    def __init__(self, mesh: MeshBvh) -> None:
+        self.mesh, self.sides = mesh, _Sides(mesh)
+        self._vertex_normals = VertexNormals(mesh.faces, mesh.n_vertices)
+        self._normals: tuple[torch.Tensor, torch.Tensor] | None = None  # with the pose that they are of
+
+    def samples(
+        self, frames: torch.Tensor, crossed: _Crossed
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Ends of edges that cross, each once, and middles between crossings: rows (K,), points and normals (K, 3)."""
+        posed = self.mesh.vertices
+        if self._normals is None or self._normals[0] is not posed:
+            self._normals = posed, self._vertex_normals(posed)
+        ends = self.sides.edges[crossed.edge]
+        row, vertex = torch.unique(
+            torch.stack([crossed.row[:, None].expand_as(ends).flatten(), ends.flatten()]), dim=1
+        )
+        twice = crossed.first < crossed.last
+        middle = 0.5 * (crossed.first + crossed.last)[twice, None]
+        there, (first, last) = frames[crossed.row[twice]], ends[twice].T
+        points, normals = (
+            torch.cat(
+                [
+                    values[frames[row], vertex],
+                    torch.lerp(values[there, first], values[there, last], middle),
+                ]
+            )
+            for values in self._normals
+        )
+        return torch.cat([row, crossed.row[twice]]), points, safe_normalize(normals)
