@@ -17,11 +17,8 @@ from fusion.initialise import InitialWeights, Readings
 from fusion.input_checks import rest_mesh
 from fusion.inputs import FusionInputs
 from fusion.losses import anchor_weights
-from fusion.obstacles.bvh import MeshBvh
+from fusion.obstacles.cached import CachedObstacle, make_obstacle, pose
 from fusion.obstacles.clearance import lift_clear
-from fusion.obstacles.layers import MovingObstacle, Obstacles, OuterSurface
-from fusion.obstacles.sdf import BodySdf, SdfQuery
-from fusion.obstacles.surface_contact import SurfaceContact
 from fusion.parallel import be_one_of_many, n_threads
 from fusion.report import Stopwatch
 from fusion.robust.automatic_confidence import AutomaticConfidence, JudgedMaps
@@ -105,9 +102,9 @@ class FrameSolver:
             self._fixed = torch.zeros(len(imager.mesh.vertices), dtype=torch.bool, device=device)
             self._fixed[inputs.pins.indices] = True
         # An obstacle stands in one pose at a time: each thread takes one while it works.
-        self._obstacles: SimpleQueue[_CachedObstacle | None] = SimpleQueue()
+        self._obstacles: SimpleQueue[CachedObstacle | None] = SimpleQueue()
         for _ in range(threads + bool(config.smooth_time_s)):  # one for `settled`, beside the threads
-            self._obstacles.put(_obstacle(inputs, config, device, self._topology))
+            self._obstacles.put(make_obstacle(inputs, config, device, self._topology))
         self._crossings: SimpleQueue[CrossingReport] = SimpleQueue()  # as the obstacles
         for _ in range(threads):
             self._crossings.put(CrossingReport(imager.mesh, inputs, device))
@@ -155,9 +152,7 @@ class FrameSolver:
         finally:
             self._obstacles.put(obstacle)
 
-    def _solved(
-        self, inputs: FusionInputs, watch: Stopwatch, obstacle: _CachedObstacle | None
-    ) -> BatchResult:
+    def _solved(self, inputs: FusionInputs, watch: Stopwatch, obstacle: CachedObstacle | None) -> BatchResult:
         stages: dict[str, SolverResult] = {}
         config = self._config
         with watch.stage("start"):
@@ -165,7 +160,7 @@ class FrameSolver:
             readings = self._readings(inputs, judged)
             target, confidence = self._target(inputs)
             if obstacle is not None:
-                _pose(obstacle, inputs)
+                pose(obstacle, inputs)
         vertices = initial = readings.vertices
         if inputs.maps.positions is not None and _any_steps(config, "edge"):
             vertex_weights = anchor_weights(
@@ -221,7 +216,7 @@ class FrameSolver:
         try:
             if obstacle is None:
                 return _array(vertices), None
-            _pose(obstacle, inputs)
+            pose(obstacle, inputs)
             cleared, (_, inside) = self._cleared(vertices, obstacle)
             return _array(cleared), inside
         finally:
@@ -302,7 +297,7 @@ class FrameSolver:
         )
 
     def _cleared(
-        self, vertices: torch.Tensor, obstacle: _CachedObstacle
+        self, vertices: torch.Tensor, obstacle: CachedObstacle
     ) -> tuple[torch.Tensor, tuple[np.ndarray, np.ndarray]]:
         """The vertices after the clean-up, and the fractions inside (T,) before and after."""
         before = obstacle.query(vertices).distance
@@ -317,72 +312,6 @@ class FrameSolver:
         )
         fractions = [(distance < 0).float().mean(-1).cpu().numpy() for distance in (before, cleared.distance)]
         return cleared.vertices, (fractions[0], fractions[1])
-
-
-class _CachedObstacle:
-    """An obstacle that remembers its last answer: solver, report and clean-up ask about the same vertices.
-
-    Args:
-        obstacle: what is asked.
-        surface: finds where the garment between its vertices is in it.
-    """
-
-    def __init__(self, obstacle: Obstacles, surface: SurfaceContact | None = None) -> None:
-        self._obstacle, self.surface = obstacle, surface
-        self._last: tuple[torch.Tensor, SdfQuery] | None = None
-
-    @property
-    def surfaces(self) -> tuple[MeshBvh, ...]:
-        """As `Obstacles.surfaces`."""
-        return self._obstacle.surfaces
-
-    def update(self, *vertices: torch.Tensor) -> None:
-        """As `Obstacles.update`."""
-        self._last = None
-        self._obstacle.update(*vertices)
-
-    def query(self, points: torch.Tensor) -> SdfQuery:
-        """As `Obstacles.query`."""
-        if (
-            self._last is None
-            or self._last[0].shape != points.shape
-            or not torch.equal(self._last[0], points)
-        ):
-            self._last = points.detach().clone(), self._obstacle.query(points)
-        return self._last[1]
-
-    def distance(self, points: torch.Tensor) -> torch.Tensor:
-        """As `Obstacles.distance`."""
-        return self._obstacle.distance(points)
-
-
-def _obstacle(
-    inputs: FusionInputs, config: FusionConfig, device: torch.device, topology: Topology
-) -> _CachedObstacle | None:
-    """Body and inner garment as one, None without either."""
-    parts: list[MovingObstacle] = []
-    if inputs.body is not None:
-        count = inputs.body.vertices.shape[1]
-        parts.append(BodySdf(inputs.body.faces, count, device=device, band_m=config.sdf_band_m))
-    if inputs.inner is not None:
-        parts.append(
-            OuterSurface(
-                inputs.inner.faces,
-                inputs.inner.vertices.shape[1],
-                device=device,
-                offset_m=config.inner_margin_m,
-                band_m=config.sdf_band_m,
-            )
-        )
-    if not parts:
-        return None
-    obstacles = Obstacles(parts)
-    return _CachedObstacle(obstacles, SurfaceContact(obstacles, topology, device))
-
-
-def _pose(obstacle: _CachedObstacle, inputs: FusionInputs) -> None:
-    """Let the obstacle stand where it does in the frames of the inputs."""
-    obstacle.update(*(surface.vertices for surface in (inputs.body, inputs.inner) if surface is not None))
 
 
 def _any_steps(config: FusionConfig, stage: str) -> bool:

@@ -7,15 +7,13 @@ import pytest
 import torch
 
 from fusion import FusionConfig, fuse
-from fusion.frame_solver import FrameSolver, _CachedObstacle, frames_at_once, usable_threads
+from fusion.frame_solver import FrameSolver, frames_at_once, usable_threads
 from fusion.input_checks import checked
-from fusion.obstacles.layers import Obstacles
 from fusion.parallel import n_threads
 from fusion.report import Stopwatch
 from render import InputError
 from tests.helpers.example_meshes import two_triangles
 from tests.helpers.fusion_examples import AROUND, imager_of, inputs_of, true_maps, tube, wrinkled
-from tests.helpers.half_space import HalfSpace
 from tests.helpers.layers import heights, layered
 
 CPU = torch.device("cpu")
@@ -150,28 +148,6 @@ def test_pins_take_their_places_before_the_first_stage():
     np.testing.assert_array_equal(result.initial[:, [2]], wanted)
     np.testing.assert_array_equal(result.initial[:, [0, 1, 3]], REST[:, [0, 1, 3]].repeat(2, 1, 1))
     assert torch.equal(given.initial, REST.repeat(2, 1, 1))  # what was given is not written into
-
-
-def test_an_obstacle_is_asked_once_about_the_same_points():
-    space = HalfSpace()
-    cached = _CachedObstacle(Obstacles([space]))
-    points = torch.ones(1, 3, 3)
-    first = cached.query(points)
-    assert cached.query(points.clone()) is first
-    points[0, 0, 1] = 5.0  # in place: the answer was to what they had been
-    assert cached.query(points).distance[0].tolist() == [5, 1, 1]
-    assert cached.query(points[:, :2]).distance.shape == (1, 2)
-    assert len(space.queries) == 3
-
-
-def test_an_obstacle_that_moved_is_asked_again():
-    space = HalfSpace()
-    cached = _CachedObstacle(Obstacles([space]))
-    points = torch.ones(1, 3, 3)
-    assert cached.query(points).distance.unique().tolist() == [1]
-    cached.update(torch.tensor([0.75]))
-    assert cached.query(points).distance.unique().tolist() == [0.25]
-    assert cached.distance(points).unique().tolist() == [0.25]
 
 
 def test_a_garment_is_lifted_off_the_one_beneath_by_what_is_missing():
