@@ -6,7 +6,7 @@ where there is none. Facts of the format: glTF 2.0 specification, section 3.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -123,11 +123,9 @@ class _Reader:
         """Add the faces of a primitive whose vertices begin at a number; `turned` mirrors them, as glTF wants it."""
         count = self.accessors.count(primitive["attributes"]["POSITION"])
         if "indices" in primitive:
-            order = self.accessors.whole_numbers(primitive["indices"], "SCALAR")[:, 0]
+            order = self.accessors.whole_numbers(primitive["indices"], "SCALAR", below=count)[:, 0]
         else:
             order = np.arange(count)
-        if len(order) and order.max() >= count:
-            raise InputError(f"{self.path}: a primitive uses vertex {order.max()} of {count}")
         corners = _triangles(order, mode)
         if turned:
             corners = corners[:, ::-1]
@@ -144,13 +142,14 @@ class _Reader:
         accessor = primitive["attributes"].get(f"TEXCOORD_{colour.get('texCoord', 0)}")
         if accessor is None:
             return None
-        uvs = self.accessors.values(accessor, "VEC2")
+        normalised = self.header["accessors"][accessor].get("normalized", False)  # more digits until 1 - v
+        uvs = self.accessors.values(accessor, "VEC2", np.float64 if normalised else np.float32)
         within = not uvs.size or (uvs.min() >= -_LARGEST_UV and uvs.max() <= _LARGEST_UV)  # NaN is neither
         if len(uvs) != count or not within:
             raise InputError(f"{self.path}: texture coordinates that are no numbers, or not one a vertex")
         np.subtract(1, uvs[:, 1], out=uvs[:, 1])  # glTF counts from the image's top
         offset = self.parts.n_uvs
-        self.parts.uvs.append(uvs)
+        self.parts.uvs.append(uvs.astype(np.float32, copy=False))
         self.parts.n_uvs += count
         return faces if offset == begin else corners + offset
 
@@ -161,22 +160,23 @@ class _Reader:
         if not len(faces) or not (parts.uvs or max(used) >= 0):
             return None
         names, mtl = material_library(self.header, used, self.path.parent)
-        surface = Surface(faces, np.arange(n_vertices))
-        if parts.uvs:
-            uv_faces = faces
-            if any(one is not two for one, two in zip(parts.uv_faces, parts.faces, strict=True)):
-                lacking = np.full((1, 3), -1)
-                filled = [
-                    np.broadcast_to(lacking, (n, 3)) if part is None else part
-                    for part, n in zip(parts.uv_faces, counts, strict=True)
-                ]
-                uv_faces = np.concatenate(filled)
-            uvs = _joined(parts.uvs, np.zeros((0, 2))).astype(np.float32)
-            surface = replace(surface, uvs=uvs, uv_faces=uv_faces)
-        if mtl:
-            numbers = [used.index(number) if number in used else 0 for number in parts.materials]
-            surface = replace(surface, face_materials=np.repeat(numbers, counts), materials=names, mtl=mtl)
-        return surface
+        numbers = [used.index(number) if number in used else 0 for number in parts.materials]
+        return Surface(
+            faces,
+            np.arange(n_vertices),
+            uvs=_joined(parts.uvs, np.zeros((0, 2), np.float32)) if parts.uvs else None,
+            uv_faces=self._joined_uv_faces(faces) if parts.uvs else None,
+            face_materials=np.repeat(numbers, counts) if mtl else None,
+            materials=names,
+            mtl=mtl,
+        )
+
+    def _joined_uv_faces(self, faces: np.ndarray) -> np.ndarray:
+        """(F, 3) texture corners of all faces, -1 where there are none; `faces` themselves where they are the same."""
+        parts = list(zip(self.parts.uv_faces, self.parts.faces, strict=True))
+        if all(uv_faces is own for uv_faces, own in parts):
+            return faces
+        return np.concatenate([np.full_like(own, -1) if one is None else one for one, own in parts])
 
 
 def _key(primitive: dict[str, Any]) -> object:

@@ -29,24 +29,24 @@ class Accessors:
         """How many elements an accessor has."""
         return int(self.header["accessors"][number]["count"])
 
-    def values(self, number: int, kind: str) -> np.ndarray:
-        """(count, width) float64; what is normalised lies within [-1, 1].
+    def values(self, number: int, kind: str, dtype: type[np.floating] = np.float64) -> np.ndarray:
+        """(count, width) floating point; what is normalised lies within [-1, 1].
 
         Args:
             number: the accessor.
             kind: "SCALAR", "VEC2", "VEC3", "VEC4" or "MAT4", which is 16 values by columns.
+            dtype: of the result.
 
         Raises:
             InputError: as `table`.
         """
         table = self.table(number, kind)
-        values = table.astype(np.float64)
         if self.header["accessors"][number].get("normalized", False):
-            values = np.maximum(values / np.iinfo(table.dtype).max, -1.0)
-        return values
+            return np.maximum(table / np.iinfo(table.dtype).max, -1.0).astype(dtype)
+        return table.astype(dtype)
 
-    def whole_numbers(self, number: int, kind: str) -> np.ndarray:
-        """(count, width) int64, none of them negative.
+    def whole_numbers(self, number: int, kind: str, *, below: int) -> np.ndarray:
+        """(count, width) int64, from 0 on and smaller than `below`.
 
         Raises:
             InputError: as `table`, or other numbers.
@@ -54,6 +54,8 @@ class Accessors:
         table = self.table(number, kind)
         if table.dtype.kind != "u":
             raise InputError(f"{self.path}: accessor {number} must hold unsigned whole numbers")
+        if table.size and table.max() >= below:  # here, where the numbers are small still
+            raise InputError(f"{self.path}: accessor {number} holds {table.max()}, of {below} that there are")
         return table.astype(np.int64)
 
     def table(self, number: int, kind: str) -> np.ndarray:

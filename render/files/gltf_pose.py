@@ -88,11 +88,11 @@ def skinned(
     """
     blended = np.zeros((len(vertices), 3, 4))
     total = np.zeros(len(vertices))
-    first = accessors.whole_numbers(attributes["JOINTS_0"], "VEC4")[:, 0]
+    first = accessors.whole_numbers(attributes["JOINTS_0"], "VEC4", below=len(transforms))[:, 0]
     for number in count():
         if f"JOINTS_{number}" not in attributes:
             break
-        joints = accessors.whole_numbers(attributes[f"JOINTS_{number}"], "VEC4")
+        joints = accessors.whole_numbers(attributes[f"JOINTS_{number}"], "VEC4", below=len(transforms))
         weights = accessors.values(attributes[f"WEIGHTS_{number}"], "VEC4")
         for joint, weight in zip(joints.T, weights.T, strict=True):
             blended += weight[:, None, None] * transforms[joint, :3]

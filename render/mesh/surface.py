@@ -48,11 +48,14 @@ class Surface:
         if (self.uvs is None) != (self.uv_faces is None):
             problems.append("uvs and uv_faces come together")
         elif self.uvs is not None and self.uv_faces is not None:
+            seen = self.uv_faces is self.faces and len(self.uvs) >= len(self.vertices)
             if self.uvs.ndim != 2 or self.uvs.shape[1] != 2 or self.uv_faces.shape != self.faces.shape:
                 problems.append(
                     f"uvs {self.uvs.shape} and uv_faces {self.uv_faces.shape} are of a wrong shape"
                 )
-            elif not (self.uv_faces.min(initial=0) >= -1 and self.uv_faces.max(initial=-1) < len(self.uvs)):
+            elif not seen and not (
+                self.uv_faces.min(initial=0) >= -1 and self.uv_faces.max(initial=-1) < len(self.uvs)
+            ):
                 problems.append("uv_faces use texture coordinates that do not exist")
         used = self.face_materials
         if used is not None and (

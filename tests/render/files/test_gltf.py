@@ -168,3 +168,17 @@ def test_an_accessor_without_a_view_names_what_the_file_uses(tmp_path):
 def test_meshes_repeated_by_the_graphics_card_are_refused(tmp_path):
     with pytest.raises(InputError, match="EXT_mesh_gpu_instancing"):
         glb(tmp_path, header(nodes=[{"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {}}}]))
+
+
+def test_an_index_beyond_the_vertices_is_named(tmp_path):
+    described = header(
+        meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        accessors=[
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
+            {"bufferView": 0, "byteOffset": 36, "componentType": 5123, "count": 3, "type": "SCALAR"},
+        ],
+        bufferViews=[{"buffer": 0, "byteLength": 42}],
+        buffers=[{"byteLength": 42}],
+    )
+    with pytest.raises(InputError, match="accessor 1 holds 3, of 3 that there are"):
+        glb(tmp_path, described, CORNERS.tobytes() + np.array([0, 1, 3], "<u2").tobytes())
