@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 import torch
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from render.mesh.measures import edge_lengths
@@ -17,6 +18,7 @@ _REACH = 0.02  # metres: layers farther apart than this move on their own
 _PARALLEL = 0.7  # |cos| of the angle between the normals of vertices that lie against each other, at least
 _ACROSS = 0.5  # cos of the angle between a layer's normal and the line to the vertex against it, at least
 _TOUCHING = 1e-6  # metres: vertices as near as this are one, whatever their normals say
+_DETOUR = 2.5  # layers of one piece: the way along the cloth is longer than the straight one by this factor at least
 _MOST = 3  # links of a vertex
 _FIRM = 4.0  # stiffness of a vertex's links together, as a multiple of an edge's: layers keep their distance
 _SHORTEST = 0.1  # of the mean edge: shorter links get no stiffer
@@ -75,9 +77,8 @@ def links_to_layers(mesh: Mesh, piece: np.ndarray, asked: np.ndarray) -> Links:
     numbers = np.flatnonzero(asked)
     tree = cKDTree(mesh.vertices)
     normals = vertex_normals(torch.from_numpy(mesh.vertices), torch.from_numpy(mesh.faces)).numpy()
-    ends = np.concatenate([mesh.edges, mesh.edges[:, ::-1]]).T
-    beside = scipy.sparse.csr_matrix((np.ones(ends.shape[1], np.int32), ends), shape=(len(normals),) * 2)
-    beside = beside + beside @ beside  # vertices two edges away at most are the same layer
+    lengths = edge_lengths(mesh.vertices, mesh.edges).clip(min=_TOUCHING)  # 0 would be no edge
+    along = scipy.sparse.csr_matrix((lengths, mesh.edges.T), shape=(len(normals),) * 2)
     parts = [np.zeros((0, 2), np.int64)]
     for start in range(0, len(numbers), _AT_ONCE):
         first, second, distance = _near(mesh.vertices, tree, numbers[start : start + _AT_ONCE], _REACH)
@@ -87,9 +88,21 @@ def links_to_layers(mesh: Mesh, piece: np.ndarray, asked: np.ndarray) -> Links:
         other = piece[first] != piece[second]
         facing = (cosine >= _PARALLEL) | (other & (cosine <= -_PARALLEL) & (ahead < 0))
         kept = facing & (np.abs(ahead) >= _ACROSS * distance) & (distance > _TOUCHING)
-        kept &= other | (np.asarray(beside[first, second]).ravel() == 0)
+        kept[kept] = other[kept] | _far_along(along, first[kept], second[kept], _DETOUR * distance[kept])
         parts.append(_nearest_of_each(first[kept], second[kept], distance[kept]))
     return _evenly(mesh, np.concatenate(parts))
+
+
+def _far_along(
+    along: scipy.sparse.csr_matrix, first: np.ndarray, second: np.ndarray, distance: np.ndarray
+) -> np.ndarray:
+    """(K,) bool, whether the way along the edges from `first` to `second` is longer than a distance each, in metres."""
+    if not len(first):
+        return np.zeros(0, bool)
+    sources, row = np.unique(first, return_inverse=True)
+    ways = dijkstra(along, directed=False, indices=sources, limit=_DETOUR * _REACH)
+    far: np.ndarray = ways[row, second] > distance
+    return far
 
 
 def links_across_seams(mesh: Mesh, piece: np.ndarray, asked: np.ndarray) -> Links:

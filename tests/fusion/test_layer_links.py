@@ -70,6 +70,20 @@ def test_a_piece_that_faces_itself_is_not_linked_to_itself():
     assert len(links_to_layers(mesh, 0 * piece, piece == 1).pairs) == SIDE**2
 
 
+@pytest.mark.parametrize("sides", [1, 8])
+def test_layers_of_one_piece_are_those_that_lie_far_apart_along_the_cloth(sides):
+    """A step of 6 mm between two flat parts is no pocket; a bag that is sewn on 8 cm away is."""
+    low, faces = sheet()
+    high = low + np.array([0.001, 0, 0.006])
+    vertices = np.concatenate([low, high])
+    edge = SIDE * np.arange(SIDE) + (SIDE - 1 if sides == 8 else 0)
+    seam = np.stack([edge[:-1], edge[1:], edge[:-1] + SIDE**2], 1)
+    mesh = Mesh(vertices, np.concatenate([faces, faces + SIDE**2, seam]))
+    asked = np.arange(2 * SIDE**2) == SIDE**2 + 4 * SIDE  # the left end of the upper sheet's middle row
+    pairs = links_to_layers(mesh, np.zeros(2 * SIDE**2, int), asked).pairs
+    assert (len(pairs) > 0) == (sides == 8)
+
+
 def test_a_seam_that_the_mesh_keeps_open_is_linked():
     width = (SIDE - 1) * 0.01
     vertices, faces = sheet()
