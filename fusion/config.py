@@ -139,7 +139,8 @@ class FusionConfig(BaseModel):
         default=10,
         ge=0,
         le=1000,
-        description="Rounds of the final clean-up at most; 0 leaves the vertices as optimised.",
+        description="Rounds of the final clean-up at most, and twice as many for the cloth between vertices; "
+        "0 leaves all as optimised.",
     )
     batch_frames: int = Field(
         default=8,

@@ -24,6 +24,9 @@ _CLEAR = 2e-4
 _NEAR = 0.05
 # Least cosine between the body's normal and the direction from the cloth to a point of the body that has come through.
 _ALONG = 0.2
+# Fraction of an edge between its first and last crossing below which they are one, noted from two faces; and metres
+# below which the direction between two points is rounding.
+_ONE_PLACE, _ROUNDING = 1e-4, 1e-6
 # Metres that a point moves at once, and the least squared length of how it moves with its corners, below which walls
 # leave it no room.
 _LONGEST, _LEAST = 0.01, 0.1
@@ -148,7 +151,7 @@ class SurfaceContact:
         """Contacts of the cloth's edges: halfway between the crossings, they must leave the obstacle."""
         ends = self._sides.edges[crossed.edge]
         nearer = torch.take_along_dim(cloth.distance[crossed.row], ends, 1).argmin(1)
-        once = crossed.first == crossed.last  # from there to an end, it is inside or below
+        once = ~crossed.twice  # from there to an end, it is inside or below
         first = torch.where(once & (nearer == 0), 0, crossed.first)
         last = torch.where(once & (nearer == 1), 1, crossed.last)
         middle = 0.5 * (first + last)
@@ -186,7 +189,8 @@ class SurfaceContact:
         self._mesh.launch_grid(nearest, (len(at),), [row.int(), vectors(at), _NEAR, face, vectors(weights)])
         corners = self._sides.faces[face.long()].long()
         away = at - cloth.mean(row, corners, weights)
-        direction, length = safe_normalize(away), torch.linalg.vector_norm(away, dim=-1)
+        length = torch.linalg.vector_norm(away, dim=-1)
+        direction = torch.where((length > _ROUNDING)[:, None], safe_normalize(away), outwards)
         through = (face >= 0) & ((direction * outwards).sum(-1) > _ALONG)
         return tuple(values[through] for values in (row, corners, weights, direction, length + _CLEAR))
 
@@ -213,6 +217,11 @@ class _Crossed:
     edge: torch.Tensor
     first: torch.Tensor
     last: torch.Tensor
+
+    @property
+    def twice(self) -> torch.Tensor:
+        """(C,) bool, whether the edge crosses at two places at least."""
+        return self.last - self.first > _ONE_PLACE
 
     @classmethod
     def of(cls, places: torch.Tensor) -> _Crossed:
@@ -253,7 +262,7 @@ class _Surface:
         row, vertex = torch.unique(
             torch.stack([crossed.row[:, None].expand_as(ends).flatten(), ends.flatten()]), dim=1
         )
-        twice = crossed.first < crossed.last
+        twice = crossed.twice
         middle = 0.5 * (crossed.first + crossed.last)[twice, None]
         there, (first, last) = frames[crossed.row[twice]], ends[twice].T
         points, normals = (
