@@ -142,6 +142,11 @@ class FusionConfig(BaseModel):
         description="Rounds of the final clean-up at most, and twice as many for the cloth between vertices; "
         "0 leaves all as optimised.",
     )
+    self_contact: bool = Field(
+        default=False,
+        description="Take the garment out of itself at the end of the second stage, where edges of it pass "
+        "through its own faces.",
+    )
     batch_frames: int = Field(
         default=8,
         ge=1,

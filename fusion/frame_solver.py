@@ -19,6 +19,7 @@ from fusion.inputs import FusionInputs
 from fusion.losses import anchor_weights
 from fusion.obstacles.cached import CachedObstacle, make_obstacle, pose
 from fusion.obstacles.clearance import lift_clear
+from fusion.obstacles.untangling import Untangler
 from fusion.parallel import be_one_of_many, n_threads
 from fusion.report import Stopwatch
 from fusion.robust.automatic_confidence import AutomaticConfidence, JudgedMaps
@@ -108,6 +109,7 @@ class FrameSolver:
         self._crossings: SimpleQueue[CrossingReport] = SimpleQueue()  # as the obstacles
         for _ in range(threads):
             self._crossings.put(CrossingReport(imager.mesh, inputs, device))
+        self._untangler = Untangler(self._topology, self._fixed, device) if config.self_contact else None
         self._solver = self._make_solver(with_normals=inputs.maps.normals is not None)
         self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
 
@@ -188,6 +190,12 @@ class FrameSolver:
         if obstacle is not None:
             with watch.stage("clearance"):
                 vertices, inside = self._cleared(vertices, obstacle)
+        if self._untangler is not None:
+            with watch.stage("self_contact"):
+                vertices = self._untangler.untangled(vertices, obstacle, config.clearance_m)
+                if obstacle is not None and inside is not None:
+                    vertices, (_, after) = self._cleared(vertices, obstacle)
+                    inside = inside[0], after
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
         solved = _array(vertices)
         check_finite(solved, "fuse: the result", first=inputs.first_frame)

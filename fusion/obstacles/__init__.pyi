@@ -14,3 +14,4 @@ from .layers import OuterSurface as OuterSurface
 from .sdf import BodySdf as BodySdf
 from .sdf import Obstacle as Obstacle
 from .sdf import SdfQuery as SdfQuery
+from .untangling import Untangler as Untangler
