@@ -145,7 +145,8 @@ def run(args: argparse.Namespace) -> None:
     from fusion.config import FusionConfig  # noqa: PLC0415
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
     from imgtransfer.pipeline.fuse import FuseOptions  # noqa: PLC0415
-    from imgtransfer.pipeline.fuse_task import FuseTask, fuse_clip  # noqa: PLC0415
+    from imgtransfer.pipeline.fuse_summary import FusedClip, summary  # noqa: PLC0415
+    from imgtransfer.pipeline.fuse_task import FuseTask, frames_to_fuse, fuse_clip  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
 
     _check_form(args)
@@ -171,7 +172,18 @@ def run(args: argparse.Namespace) -> None:
         )
         for folder in _chosen(args)
     ]
-    run_tasks(fuse_clip, tasks, executor=executor, name=lambda task: task.name).check()
+    done = run_tasks(
+        fuse_clip,
+        tasks,
+        executor=executor,
+        name=lambda task: task.name,
+        say=FusedClip.line,
+        unit="frame",
+        size=frames_to_fuse,
+    )
+    if done.values:
+        print(summary(done.values.values()))
+    done.check()
     choice = [word for name in args.clip or () for word in ("--clip", name)]
     print(
         f"next     {join(['imgtransfer', 'evaluate', str(args.predictions), '--truth', 'SOURCE', *choice])}"

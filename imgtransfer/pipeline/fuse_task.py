@@ -20,10 +20,11 @@ from imgtransfer.pipeline.folder import (
     POSITION_ONLY_FILE,
 )
 from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions, fuse_into
+from imgtransfer.pipeline.fuse_summary import FusedClip, notes_of
 from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker
 from imgtransfer.running.fingerprint import files_fingerprint, fingerprint
-from render import InputError, Option, open_maps
+from render import InputError, open_maps
 
 _TOGETHER = 32  # frames of a result that are read together
 
@@ -59,8 +60,16 @@ class FuseTask:
         return fingerprint([files_fingerprint(files), self.options.as_text()])
 
 
-def fuse_clip(task: FuseTask) -> str:
-    """Fuse one clip's folder, unless that is done already; a line about it.
+def frames_to_fuse(task: FuseTask) -> int:
+    """How many frames the clip's maps have; 0 where they cannot be read, of which the task itself will tell."""
+    try:
+        return open_maps(task.folder / MAPS_FILE).n_frames
+    except InputError:
+        return 0
+
+
+def fuse_clip(task: FuseTask) -> FusedClip:
+    """Fuse one clip's folder, unless that is done already.
 
     Raises:
         InputError: maps or a body that cannot be read, or that do not belong together.
@@ -70,7 +79,7 @@ def fuse_clip(task: FuseTask) -> str:
     if drawn and not task.overwrite and clip_stands(target, made):
         if task.meshes:
             _write_meshes(target, folder / MESHES_FOLDER, task.meshes)
-        return f"{folder}  fused with these settings already; {Option('overwrite', True)} does it again"
+        return FusedClip(str(folder))
     body = folder / POSITION_ONLY_FILE
     report = fuse_file(
         folder / MAPS_FILE,
@@ -83,7 +92,7 @@ def fuse_clip(task: FuseTask) -> str:
         history=task.history,
         made=made,
     )
-    return f"{folder}  {report['frames']} frames, {report['seconds']:.1f} s"
+    return FusedClip(str(folder), report["frames"], report["seconds"], notes_of(report))
 
 
 def fuse_file(

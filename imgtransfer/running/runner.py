@@ -79,6 +79,7 @@ def run_tasks(
     name: Callable[[T], str],
     say: Callable[[R], str] = str,
     unit: str = "clip",
+    size: Callable[[T], int] | None = None,
     progress: bool = True,
 ) -> Run[R]:
     """Do all tasks, whatever becomes of some of them.
@@ -89,7 +90,8 @@ def run_tasks(
         executor: where they are done.
         name: of a task.
         say: what to print of a result, "" for nothing.
-        unit: what a task is called in the bar.
+        unit: what the bar counts.
+        size: how many of them a task has, such as its frames; 1 each if None.
         progress: whether to print lines and show a bar.
 
     Raises:
@@ -98,9 +100,10 @@ def run_tasks(
     """
     values: dict[int, R] = {}
     failures: dict[int, str] = {}
+    sizes = [1 if size is None else size(task) for task in tasks]
     with (
         closing(executor.outcomes(function, tasks)) as outcomes,
-        tqdm(total=len(tasks), unit=unit, disable=None if progress else True) as bar,
+        tqdm(total=sum(sizes), unit=unit, disable=None if progress else True) as bar,
     ):
         for outcome in outcomes:
             if outcome.reason is not None:
@@ -113,7 +116,7 @@ def run_tasks(
                 line = say(values[outcome.index])
             if progress and line:
                 bar.write(line)
-            bar.update()
+            bar.update(sizes[outcome.index])
     return Run(
         {name(tasks[index]): values[index] for index in sorted(values)},
         {name(tasks[index]): failures[index] for index in sorted(failures)},

@@ -50,7 +50,8 @@ def test_two_processes_give_what_one_gives(here: Path, capsys: pytest.CaptureFix
     assert main(["fuse", f"{here}/two"]) == 0
     text = capsys.readouterr().out
     assert text.count("predicted by this model already") == 3
-    assert text.count("fused with these settings already") == 3
+    assert text.count("fused already") == 3
+    assert "\nleft     3 of 3 clips, fused with these settings already; --overwrite does them again\n" in text
 
 
 def test_a_failed_clip_does_not_end_the_others(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,6 +68,7 @@ def test_a_failed_clip_does_not_end_the_others(here: Path, capsys: pytest.Captur
     )
     assert captured.err.count("\n") == 1
     assert (here / "out/tube__late/fused.npz").is_file()
+    assert "\nfused    1 clip, 3 frames, " in captured.out
 
 
 def test_workers_go_with_predictions(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
