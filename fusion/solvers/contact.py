@@ -60,7 +60,8 @@ class Contact:
 
     def update_planes(self, vertices: torch.Tensor) -> None:
         """Take new planes at vertices (T, N, 3)."""
-        vertices = vertices.contiguous()  # obstacles want a vertex's numbers side by side, not a group's frames
+        # Obstacles want the numbers of a vertex side by side, not those of a group of frames.
+        vertices = vertices.contiguous()
         query = self._obstacle.query(vertices)
         self.normal.copy_(query.direction)
         distance = query.distance.to(vertices)
