@@ -35,20 +35,20 @@ class FusionConfig(BaseModel):
         description="Of `local_global`, first stage (edge lengths), at most; 0 skips it.",
     )
     normal_iterations: int = Field(
-        default=50,
+        default=40,
         ge=0,
         le=10**6,
         description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
     )
     edge_tolerance: _Ratio = Field(
-        default=0.04,
+        default=0.02,
         ge=0,
         lt=1,
         description="Of `local_global`, no unit: the first stage is finished when a step lowers the objective by a "
         "smaller fraction of it; much smaller ones draw the cloth to its edges' lengths and away from the maps.",
     )
     normal_tolerance: _Ratio = Field(
-        default=0.03,
+        default=0.008,
         ge=0,
         lt=1,
         description="Of `local_global`, no unit: the same for the second stage. Smaller ones follow the normal maps "
@@ -60,7 +60,7 @@ class FusionConfig(BaseModel):
         "that lie off their surroundings. Maps that hold together are left as they are.",
     )
     sdf_every_iterations: int = Field(
-        default=25, ge=1, le=10**6, description="Of `local_global`: steps between two distance queries."
+        default=20, ge=1, le=10**6, description="Of `local_global`: steps between two distance queries."
     )
     edge_steps: int = Field(
         default=100, ge=0, le=10**6, description="Of `adam`, first stage (edge lengths); 0 skips it."

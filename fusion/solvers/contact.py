@@ -10,7 +10,7 @@ from fusion.losses import collision_loss
 from fusion.obstacles.sdf import Obstacle
 from fusion.obstacles.surface_contact import SurfaceContact
 from fusion.solvers.energy import Energy
-from fusion.solvers.recorder import Recorder
+from fusion.solvers.recorder import Recorder, frames_last
 
 _RAISINGS = 1  # of planes after a query, for the cloth between vertices; the clean-up does what is left
 _TOUCHING = 1e-5  # metres: a vertex nearer to its plane than this touches it
@@ -50,8 +50,8 @@ class Contact:
         self._obstacle, self._margin, self._every = obstacle, margin_m, every_steps
         self._surface = surface
         self._loose = like.new_ones(like.shape[1], dtype=torch.bool) if loose is None else loose
-        self.normal = torch.zeros_like(like, memory_format=torch.contiguous_format)
-        self.offset = self.normal.new_zeros(like.shape[:2])
+        self.normal = frames_last(*like.shape, like=like)
+        self.offset = frames_last(*like.shape[:2], like=like)
         self.depth = self.normal.new_zeros(len(like))
 
     def due(self, step: int) -> bool:
@@ -60,10 +60,12 @@ class Contact:
 
     def update_planes(self, vertices: torch.Tensor) -> None:
         """Take new planes at vertices (T, N, 3)."""
+        # Obstacles want the numbers of a vertex side by side, not those of a group of frames.
+        vertices = vertices.contiguous()
         query = self._obstacle.query(vertices)
         self.normal.copy_(query.direction)
         distance = query.distance.to(vertices)
-        torch.add((self.normal * vertices).sum(-1), self._margin - distance, out=self.offset)
+        self.offset.copy_((self.normal * vertices).sum(-1) + (self._margin - distance))
         self.depth = collision_loss(distance, margin_m=self._margin)
         if self._surface is not None:
             self._raise_planes(self._surface, vertices, distance)
@@ -91,7 +93,7 @@ class ConstrainedStep:
     """Steps of the vertices of an energy along the directions that planes and pins leave open to them.
 
     Args:
-        energy: its `active` frames take part, its `gradient` presses vertices against their planes, its `vertices`
+        energy: its `active` frames move, its `gradient` presses vertices against their planes, its `vertices`
             are where steps lead.
         loose: (N,) bool, vertices that may move; None for all.
         contact: the obstacle; None without.
@@ -105,21 +107,24 @@ class ConstrainedStep:
 
     def __init__(self, energy: Energy, loose: torch.Tensor | None, contact: Contact | None) -> None:
         like = energy.vertices
-        self.vertices, self.gradient = torch.zeros_like(like), torch.zeros_like(like)
-        self.direction, self.length = torch.zeros_like(like), like.new_ones(len(like))
+        self.vertices, self.gradient, self.direction = (frames_last(*like.shape, like=like) for _ in range(3))
+        self.length = frames_last(len(like), like=like)
+        self.length.fill_(1)
         count = like.shape[1]
-        self._project, self._advance = (Recorder(like, energy.active) for _ in range(2))
+        self._project, self._advance = (Recorder(like, energy.busy) for _ in range(2))
         self._unconstrained = contact is None and loose is None
         record = self._project
-        vertices, direction = record.vectors(self.vertices), record.vectors(self.direction)
+        vertices, direction = record.frames(self.vertices), record.frames(self.direction)
         planes: list[Any] = [None, None]
         if contact is not None:
-            planes = [record.vectors(contact.normal), record.reals(contact.offset)]
+            planes = [record.frames(contact.normal), record.frames(contact.offset)]
         planes.append(None if loose is None else record.ints(loose))
-        gradient = record.vectors(self.gradient)
+        gradient = record.frames(self.gradient)
         record("project", count, vertices, gradient, *planes, _TOUCHING, direction, direction)
-        length, target = record.reals(self.length), record.vectors(energy.vertices)
-        self._advance("advance", count, vertices, direction, length, *planes, target)
+        moving, length = record.frames(energy.active), record.frames(self.length)
+        self._advance(
+            "advance", count, moving, vertices, direction, length, *planes, record.frames(energy.vertices)
+        )
 
     def project(self) -> torch.Tensor:
         """`direction`, of which what is not open has been taken away."""

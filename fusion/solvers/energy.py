@@ -14,7 +14,7 @@ import torch
 
 from fusion.losses import second_difference
 from fusion.solvers.pixel_faces import PixelFaces
-from fusion.solvers.recorder import Recorder
+from fusion.solvers.recorder import Recorder, frames_last, lanes_on
 from fusion.topology import Topology
 
 TERMS = ("edge_length_m2", "displacement_m2", "normal_consistency", "normal_rendering", "temporal_m2")
@@ -35,8 +35,10 @@ class Energy:
         confidence: (T, P), what each pixel counts; 1 if None.
 
     Attributes:
-        vertices, gradient: (T, N, 3).
-        active: (T,) int32; frames with 0 keep the gradient and terms of their last evaluation.
+        vertices, gradient: (T, N, 3), in memory as `frames_last` makes them.
+        active: (T,), 1 for frames that take part, and 0; `activate` sets it.
+        busy: (G,) int32, whether any frame of a group is active; groups of others keep gradient and terms of their last
+            evaluation.
         factors: (5,) float64, the weights in the order of TERMS.
         coupled: whether the frames depend on each other (the temporal term).
     """
@@ -55,71 +57,92 @@ class Energy:
         frames, count, _ = anchor.shape
         self._weights = {name: weights.get(name, 0.0) for name in TERMS}
         self.coupled = self._weights["temporal_m2"] > 0
-        self.vertices = anchor.clone(memory_format=torch.contiguous_format)
-        self.gradient = torch.zeros_like(self.vertices)
-        self.active = torch.ones(frames, dtype=torch.int32, device=anchor.device)
+        self.vertices, self.gradient = (frames_last(*anchor.shape, like=anchor) for _ in range(2))
+        self.vertices.copy_(anchor)
+        groups = -(-frames // lanes_on(anchor.device))
+        self._whole_active = anchor.new_zeros(groups * lanes_on(anchor.device))
+        self.active = self._whole_active[:frames]
+        self._any_active = torch.zeros(groups, dtype=torch.bool, device=anchor.device)
+        self.busy = torch.zeros(groups, dtype=torch.int32, device=anchor.device)
+        self.activate(torch.ones(frames, dtype=torch.bool, device=anchor.device))
         pixels = pixel_faces is not None and target is not None
-        # One value a vertex, edge or face with pixels; a zero where there are none.
-        self._of_vertices = anchor.new_zeros(frames, count)
-        self._of_edges = anchor.new_zeros(frames, 2, max(len(topology.edges), 1))
-        self._of_faces = anchor.new_zeros(frames, len(pixel_faces.faces) if pixel_faces and pixels else 1)
+        # What each vertex or face with pixels adds to a term; a zero where there are none.
+        # Of whole groups, so that sums are taken in the same order whatever frames are in them.
+        self._of_vertices = frames_last(len(self._whole_active), 3, count, like=anchor)
+        with_pixels = len(pixel_faces.faces) if pixel_faces and pixels else 1
+        self._pixels = frames_last(len(self._whole_active), with_pixels, like=anchor)
+        on_edges, displacements, consistencies = self._of_vertices.unbind(1)
         n_edges, n_pixels = max(len(topology.edges), 1), max(len(pixel_faces.places) if pixel_faces else 1, 1)
         self._divisors = torch.tensor([n_edges, 1, n_edges, n_pixels, 1], dtype=torch.float64).to(
             anchor.device
         )
         self.factors = torch.tensor(list(self._weights.values()), dtype=torch.float64).to(anchor.device)
-        self._recorder = record = Recorder(anchor, self.active)
-        vertices, gradient = record.vectors(self.vertices), record.vectors(self.gradient)
+        self._recorder = record = Recorder(anchor, self.busy)
+        vertices, gradient = record.frames(self.vertices), record.frames(self.gradient)
         normal = normal_gradient = None
         if self._weights["normal_rendering"] or self._weights["normal_consistency"]:
-            normal, normal_gradient = (record.vectors(anchor.new_zeros(frames, count, 3)) for _ in range(2))
+            normal, normal_gradient = (
+                record.frames(frames_last(*anchor.shape, like=anchor)) for _ in range(2)
+            )
         record(
             "begin",
             count,
             vertices,
-            record.vectors(anchor),
-            record.reals(vertex_weights.to(anchor).expand(frames, -1)),
+            record.frames(anchor),
+            record.frames(vertex_weights.to(anchor).expand(frames, -1)),
             self._weights["displacement_m2"],
             normal,
             normal_gradient,
             gradient,
-            record.reals(self._of_vertices),
+            record.frames(displacements),
         )
-        faces = record.ints(topology.faces)
-        if normal is not None:
-            inverse = record.reals(anchor.new_zeros(frames, count))
-            record("face_normals", len(topology.faces), vertices, faces, normal)
-            record("unit_normals", count, normal, inverse)
-            if pixel_faces is not None and target is not None:
-                self._record_pixels(pixel_faces, target, confidence, normal, normal_gradient)
-        starts = np.searchsorted(topology.edges[:, 0], np.arange(count + 1))
+        starts = record.ints(np.searchsorted(topology.edges[:, 0], np.arange(count + 1)))
+        seconds = record.ints(topology.edges[:, 1])
         record(
             "along_edges",
             count,
             vertices,
-            record.ints(starts),
-            record.ints(topology.edges[:, 1]),
+            starts,
+            seconds,
             record.reals(topology.rest_lengths),
             self._weights["edge_length_m2"] / n_edges,
-            normal,
-            self._weights["normal_consistency"] / n_edges,
-            normal_gradient,
             gradient,
-            record.reals(self._of_edges),
+            record.frames(on_edges),
         )
-        if normal is not None:
-            record("through_normals", count, normal, inverse, normal_gradient)
-            record("through_faces", len(topology.faces), vertices, faces, normal_gradient, gradient)
+        if normal is None:
+            return
+        faces, inverse = record.ints(topology.faces), record.frames(frames_last(frames, count, like=anchor))
+        record("face_normals", len(topology.faces), vertices, faces, normal)
+        record("unit_normals", count, normal, inverse)
+        if pixel_faces is not None and target is not None:
+            self._record_pixels(pixel_faces, target, confidence, normal, normal_gradient)
+        weight = self._weights["normal_consistency"] / n_edges
+        record(
+            "between_normals",
+            count,
+            normal,
+            starts,
+            seconds,
+            weight,
+            normal_gradient,
+            record.frames(consistencies),
+        )
+        record("through_normals", count, normal, inverse, normal_gradient)
+        record("through_faces", len(topology.faces), vertices, faces, normal_gradient, gradient)
+
+    def activate(self, frames: torch.Tensor) -> None:
+        """Let these frames (T,) bool take part."""
+        self.active.copy_(frames)
+        torch.any(self._whole_active.view(len(self.busy), -1), 1, out=self._any_active)
+        self.busy.copy_(self._any_active)
 
     def evaluate(self) -> torch.Tensor:
         """(T, 5) float64: the terms in the order of TERMS, unweighted; fills `gradient` of the weighted sum."""
         self._recorder.run()
-        edge, consistency = self._of_edges.sum(-1).double().unbind(1)
-        displacement = self._of_vertices.sum(-1).double()
-        pixels = self._of_faces.sum(-1).double()
-        temporal = self._add_temporal() if self.coupled else torch.zeros_like(edge)
-        terms = torch.stack([edge, displacement, consistency, pixels, temporal], dim=1)
-        return terms / self._divisors
+        of_vertices, pixels = self._of_vertices.sum(-1), self._pixels.sum(-1, keepdim=True)
+        temporal = self._add_temporal() if self.coupled else self.active.new_zeros(len(self.active))
+        terms = torch.cat([of_vertices, pixels], dim=1)[: len(self.active)]
+        return torch.cat([terms, temporal[:, None]], dim=1).double() / self._divisors
 
     def _add_temporal(self) -> torch.Tensor:
         """(T,) the temporal term; adds its gradient."""
@@ -144,9 +167,9 @@ class Energy:
             record.ints(pixel_faces.faces),
             record.ints(pixel_faces.pixel_start),
             record.vectors(torch.from_numpy(pixel_faces.weights)),
-            record.vectors(target),
-            None if confidence is None else record.reals(confidence),
+            record.frames(target),
+            None if confidence is None else record.frames(confidence),
             self._weights["normal_rendering"] / float(self._divisors[3]),
             normal_gradient,
-            record.reals(self._of_faces),
+            record.frames(self._pixels),
         )

@@ -13,19 +13,19 @@ from fusion.solvers.contact import Contact
 from fusion.solvers.energy import TERMS, Energy
 from fusion.solvers.pixel_faces import PixelFaces, gradient_laplacian
 from fusion.solvers.quasi_newton import descend
+from fusion.solvers.system import System
 from fusion.stages import SolverResult, StageProblem, edge_weights, normal_weights
 from fusion.topology import Topology
-from render.mesh.factor import Factor
 
 # The system estimates the Hessian of every frame at once, so it can only be roughly right; found by trial on simulated
 # garments and on wrinkled tubes. Only the speed depends on these numbers.
 # Fraction of the edge term's Hessian if edges resisted in all directions alike: they do in one of three.
-_EDGES = 0.2
+_EDGES = 0.1
 # Distance between rendered and target normals around which |Bn - t| is replaced by a parabola.
 _RESIDUAL = 0.1
 # Stiffness against moving as a whole in the second stage, as a displacement weight in units of the edge term's: the
 # body and the normals hold the cloth in ways of which the system knows nothing.
-_HOLD = 0.2
+_HOLD = 0.5
 # Part of a matrix's mean diagonal that is added where nothing else holds a vertex.
 _FLOOR = 1e-6
 
@@ -58,21 +58,21 @@ class LocalGlobalSolver:
         self._loose = None if fixed is None else (~fixed).to(device)
         self._device_and_dtype = device, dtype
         self._edge_weights, self._normal_weights = edge_weights(config), normal_weights(config)
-        self._edge_factor = self._factor(self._edge_hessian(seen.cpu().numpy()))
-        self._normal_factor: Factor | None = None
+        self._edge_system = self._system(self._edge_hessian(seen.cpu().numpy()))
+        self._normal_system: System | None = None
         self._lock = Lock()
 
     def edge_stage(self, problem: StageProblem) -> SolverResult:
         """First stage: L_e + λ_rv L_rv, the displacement over visible vertices only."""
         limits = self._config.edge_iterations, self._config.edge_tolerance
-        return self._descend(problem, self._edge_weights, self._edge_factor, limits)
+        return self._descend(problem, self._edge_weights, self._edge_system, limits)
 
     def normal_stage(self, problem: StageProblem) -> SolverResult:
         """Second stage, equation 8; vertices are held outside of the obstacle (see `descend`)."""
         config, contact = self._config, None
         with self._lock:  # of several threads, the first one makes it
-            if self._normal_factor is None:
-                self._normal_factor = self._factor(self._normal_hessian())
+            if self._normal_system is None:
+                self._normal_system = self._system(self._normal_hessian())
         if problem.obstacle is not None and config.weight_collision:
             contact = Contact(
                 problem.obstacle,
@@ -83,13 +83,13 @@ class LocalGlobalSolver:
                 loose=self._loose,
             )
         limits = config.normal_iterations, config.normal_tolerance
-        return self._descend(problem, self._normal_weights, self._normal_factor, limits, contact)
+        return self._descend(problem, self._normal_weights, self._normal_system, limits, contact)
 
     def _descend(
         self,
         problem: StageProblem,
         weights: dict[str, float],
-        factor: Factor,
+        system: System,
         limits: tuple[int, float],
         contact: Contact | None = None,
     ) -> SolverResult:
@@ -110,7 +110,7 @@ class LocalGlobalSolver:
         )
         descent = descend(
             energy,
-            factor,
+            system,
             problem.start,
             steps=limits[0],
             tolerance=limits[1],
@@ -152,8 +152,8 @@ class LocalGlobalSolver:
         matrix = scipy.sparse.csr_matrix((np.tile(pull, 2), (rows, columns)), shape=(n, n))
         return matrix - scipy.sparse.diags(np.asarray(matrix.sum(1)).ravel())
 
-    def _factor(self, hessian: scipy.sparse.csr_matrix) -> Factor:
-        """Factorised without the rows and columns of fixed vertices."""
+    def _system(self, hessian: scipy.sparse.csr_matrix) -> System:
+        """Systemised without the rows and columns of fixed vertices."""
         diagonal = hessian.diagonal()
         floor = _FLOOR * max(diagonal.mean(), np.finfo(np.float32).tiny)
         matrix = hessian + scipy.sparse.diags(np.full(len(diagonal), floor))
@@ -161,4 +161,4 @@ class LocalGlobalSolver:
             loose = scipy.sparse.diags((~self._fixed).astype(np.float64))
             pinned = scipy.sparse.diags(self._fixed * matrix.diagonal())
             matrix = loose @ matrix @ loose + pinned
-        return Factor(matrix, *self._device_and_dtype)
+        return System(matrix, *self._device_and_dtype)

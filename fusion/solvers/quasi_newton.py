@@ -8,20 +8,18 @@ hyperelastic materials").
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 
 from fusion.solvers.contact import ConstrainedStep, Contact
 from fusion.solvers.energy import Energy
-from render.mesh.factor import Factor
+from fusion.solvers.memory import StepMemory
+from fusion.solvers.system import System
 
-_PAIRS = 2  # steps remembered; more lower the energy no further in as many steps, and cost
 _SUFFICIENT = 1e-4  # fraction of the decrease that the gradient promises which a step must reach (Armijo)
 _HALVINGS = 12  # of a step that does not; after the last the frame is finished
 _STEPS_JUDGED = 3  # over which the decrease is averaged: now and then a step is small
-_CURVATURE = 1e-4  # cosine between a step and its change of gradient below which it is not remembered
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +43,7 @@ class Descent:
 
 def descend(
     energy: Energy,
-    factor: Factor,
+    system: System,
     start: torch.Tensor,
     *,
     steps: int,
@@ -60,27 +58,28 @@ def descend(
 
     Args:
         energy: of T frames.
-        factor: of an estimate of its Hessian, the better the sooner.
+        system: an estimate of its Hessian, the better the sooner.
         start: (T, N, 3) metres, dtype and device of the energy.
         steps: at most.
         tolerance: mean relative decrease of the energy in a step below which a frame is finished.
         loose: (N,) bool, vertices that may move; None for all.
         contact: the obstacle.
     """
-    return _Run(energy, factor, loose, contact).run(start, steps, tolerance)
+    return _Run(energy, system, loose, contact).run(start, steps, tolerance)
 
 
 class _Run:
     """State of one `descend`; G = T independent problems, or one if the frames are coupled."""
 
     def __init__(
-        self, energy: Energy, factor: Factor, loose: torch.Tensor | None, contact: Contact | None
+        self, energy: Energy, system: System, loose: torch.Tensor | None, contact: Contact | None
     ) -> None:
-        self._energy, self._factor, self._contact = energy, factor, contact
+        self._energy, self._contact = energy, contact
         self._constrained = ConstrainedStep(energy, loose, contact)
         self._frames = len(energy.vertices)
         self._groups = 1 if energy.coupled else self._frames
-        self._memory = _Memory()
+        self._memory = memory = StepMemory(energy, self._constrained)
+        self._solve = system.solver(memory.right, memory.solution, energy.busy)
         self._going = torch.ones(self._groups, dtype=torch.bool, device=energy.vertices.device)
         self._value = torch.zeros(self._groups, dtype=torch.float64, device=energy.vertices.device)
 
@@ -109,7 +108,7 @@ class _Run:
             contact.measure(constrained.vertices)
             depths[-1] = contact.depth
         return Descent(
-            constrained.vertices,
+            constrained.vertices.contiguous(),
             iterations.expand(self._frames).clone(),
             torch.stack(history),
             torch.stack(depths) if depths else None,
@@ -120,7 +119,7 @@ class _Run:
         if self._contact is not None:
             self._contact.update_planes(self._constrained.vertices)
         self._constrained.length.zero_()
-        self._energy.active.fill_(1)
+        self._energy.activate(torch.ones_like(self._energy.active, dtype=torch.bool))
         self._constrained.advance()
         terms = self._energy.evaluate()
         self._value = self._weighted(terms)
@@ -131,22 +130,19 @@ class _Run:
     def _step(self) -> torch.Tensor:
         """One step of all problems that are still going; the terms after it."""
         constrained, energy = self._constrained, self._energy
-        energy.active.copy_(self._going.expand(self._frames))
+        energy.activate(self._going.expand(self._frames))
         constrained.direction.copy_(constrained.gradient)
-        gradient = self._flat(constrained.project()).clone()
-        shape = constrained.direction.shape
-        direction = self._memory.direction(
-            gradient, lambda right: self._flat(self._factor.solve(right.view(shape)))
-        )
-        constrained.direction.copy_(direction.view(shape))
+        self._memory.gradient.copy_(constrained.project())
+        self._memory.prepare()
+        self._solve()
+        self._memory.lead()
         # Projected last, so that it descends whatever walls the remembered steps were taken at.
-        slope = _dot(self._flat(constrained.project()), gradient)[:, 0].double()
+        constrained.project()
+        slope = self._memory.slope()
         terms, lowered = self._line_search(slope)
+        energy.activate(self._going.expand(self._frames))
         self._going = self._going & lowered
-        step, change = energy.vertices - constrained.vertices, energy.gradient - constrained.gradient
-        self._memory.add(self._flat(step), self._flat(change))
-        constrained.vertices.copy_(energy.vertices)
-        constrained.gradient.copy_(energy.gradient)
+        self._memory.add()
         self._value = self._weighted(terms)
         return terms
 
@@ -157,7 +153,8 @@ class _Run:
             if halving == _HALVINGS:  # nowhere to go within rounding: stay
                 length = torch.where(trying, 0, length)
             self._constrained.length.copy_(length.expand(self._frames))
-            self._energy.active.copy_(trying.expand(self._frames))
+            if halving:
+                self._energy.activate(trying.expand(self._frames))
             self._constrained.advance()
             terms = self._energy.evaluate()
             failed = trying & ~(self._weighted(terms) <= self._value + _SUFFICIENT * length * slope)
@@ -167,45 +164,6 @@ class _Run:
             length = torch.where(failed, 0.5 * length, length)
         return terms, length > 0
 
-    def _flat(self, vectors: torch.Tensor) -> torch.Tensor:
-        """(T, N, 3) to (G, D)."""
-        return vectors.view(self._groups, -1)
-
     def _weighted(self, terms: torch.Tensor) -> torch.Tensor:
         """(T, 5) to the energies of the problems (G,)."""
         return (terms * self._energy.factors).sum(-1).view(self._groups, -1).sum(-1)
-
-
-class _Memory:
-    """The last steps s and changes of gradient y of G problems, and the inverse Hessian that they suggest (L-BFGS)."""
-
-    def __init__(self) -> None:
-        self._pairs: list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]] = []  # s, y, s · y; oldest first
-
-    def add(self, step: torch.Tensor, change: torch.Tensor) -> None:
-        """Keep a pair (G, D), which this may change; problems in which it has no positive curvature keep nothing."""
-        product = _dot(step, change)
-        good = product > _CURVATURE * (_dot(step, step) * _dot(change, change)).sqrt()
-        if not bool(good.all()):
-            step *= good
-            change *= good
-        self._pairs = [*self._pairs[1 - _PAIRS :], (step, change, torch.where(good, product, 1))]
-
-    def direction(
-        self, gradient: torch.Tensor, precondition: Callable[[torch.Tensor], torch.Tensor]
-    ) -> torch.Tensor:
-        """Minus the inverse Hessian's estimate times the gradient (G, D): the two loops of L-BFGS."""
-        remainder, alphas = gradient, []
-        for step, change, product in reversed(self._pairs):
-            alphas.append(_dot(step, remainder) / product)
-            remainder = torch.addcmul(remainder, alphas[-1], change, value=-1)
-        ascent = precondition(remainder)
-        for step, change, product in self._pairs:
-            beta = _dot(change, ascent) / product
-            ascent = torch.addcmul(ascent, alphas.pop() - beta, step)
-        return -ascent
-
-
-def _dot(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-    """(G, D) and (G, D) to (G, 1); several times as fast as a matrix product, for so few, so long rows."""
-    return (first * second).sum(-1, keepdim=True)

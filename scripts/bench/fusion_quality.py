@@ -12,7 +12,7 @@ component and exact normals. One process computes, one solver after the other.
   *_rmse_mm         mean distance of the vertices from the truth; rmse_ratio is local_global / adam
   *_normal_degrees  mean angle between the vertex normals and the true ones
   *_steps_STAGE     steps taken, mean over the frames
-  *_cpu_seconds     a frame, seconds that the process kept cores busy, one thread, whole calls of `fuse` for 32 frames
+  *_cpu_seconds     a frame, seconds that the process kept cores busy, one thread, whole calls of `fuse` for 16 frames
                     (the scene's frames again and again) with their bodies, set-up included; cpu_speedup is
                     adam / local_global
   speedup           the same of seconds on the clock, local_global with two threads; adam, the reference, has one
@@ -43,10 +43,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from fusion import FusionResult
 from scripts.bench import fusion_scenes as scenes
-from scripts.bench.fusion import FRAMES, SOLVERS, Scene, losses, normal_degrees, rmse_mm, solver_config
+from scripts.bench.fusion import SOLVERS, Scene, losses, normal_degrees, rmse_mm, solver_config
 from scripts.bench.measuring import Results, command
 
-THREADS = 2  # of the speed-up by the clock
+FRAMES, THREADS = 16, 2  # of a timed call; of the speed-up by the clock
 QUICK = ("predicted_bend", "tshirt")
 
 

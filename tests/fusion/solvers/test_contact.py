@@ -79,7 +79,7 @@ def test_every_frame_has_its_own_length_and_idle_frames_stay():
     vertices = at(0.0, 0.0, 0.0).repeat(3, 1, 1)
     step, energy = step_of(vertices, 0 * vertices)
     energy.vertices.fill_(7.0)
-    energy.active.copy_(torch.tensor([1, 0, 1]))
+    energy.activate(torch.tensor([True, False, True]))
     step.direction.copy_(torch.tensor([0.0, 1, 0]).double().expand(3, 3, 3))
     step.length.copy_(torch.tensor([0.5, 1.0, 0.0]))
     step.advance()

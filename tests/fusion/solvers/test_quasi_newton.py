@@ -9,7 +9,7 @@ from fusion import Topology
 from fusion.solvers.contact import Contact
 from fusion.solvers.energy import Energy
 from fusion.solvers.quasi_newton import descend
-from render.mesh.factor import Factor
+from fusion.solvers.system import System
 from tests.helpers.example_meshes import two_triangles
 from tests.helpers.half_space import HalfSpace
 
@@ -24,7 +24,7 @@ def bowl(anchor, **weights):
 
 
 def diagonal(value):
-    return Factor(scipy.sparse.eye(4) * value, torch.device("cpu"), torch.float64)
+    return System(scipy.sparse.eye(4) * value, torch.device("cpu"), torch.float64)
 
 
 EXACT = 2 * WEIGHT / 4

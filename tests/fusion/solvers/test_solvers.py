@@ -11,12 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from fusion import BodySdf, FusionConfig, Topology, fuse
 from fusion.solvers.adam import AdamSolver
+from fusion.solvers.contact import ConstrainedStep
+from fusion.solvers.energy import Energy
 from fusion.solvers.local_global import LocalGlobalSolver
+from fusion.solvers.memory import PAIRS, StepMemory
 from fusion.solvers.pixel_faces import PixelFaces
-from fusion.solvers.quasi_newton import _PAIRS, _Memory
+from fusion.solvers.recorder import frames_last
+from fusion.solvers.system import System
 from fusion.stages import StageProblem, edge_weights, normal_weights, total
 from render import InputError, Mesh, TemplateImager
-from render.mesh.factor import Factor
 from render.mesh.normals import safe_normalize
 from tests.helpers.fusion_examples import (
     cylinder_body,
@@ -73,38 +76,65 @@ def random_matrix(n=40, seed=0):
 
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-5), (torch.float64, 1e-12)])
 @pytest.mark.parametrize("frames", [1, 2, 50])
-def test_a_factor_solves_for_every_frame_and_axis(dtype, tolerance, frames):
+def test_a_system_is_solved_for_every_frame_and_axis(dtype, tolerance, frames):
     matrix = random_matrix()
-    right = torch.randn(frames, 40, 3, generator=torch.Generator().manual_seed(0), dtype=dtype)
-    found = Factor(matrix, CPU, dtype).solve(right)
-    assert found.shape == right.shape
-    back = np.einsum("ij,tjc->tic", matrix.toarray(), found.numpy())
-    np.testing.assert_allclose(back, right.numpy(), atol=tolerance)
+    noise = torch.randn(frames, 40, 3, generator=torch.Generator().manual_seed(0), dtype=dtype)
+    right, found = (frames_last(frames, 40, 3, like=noise) for _ in range(2))
+    solve = System(matrix, CPU, dtype).solver(right, found, torch.ones(-(-frames // 8), dtype=torch.int32))
+    for scale in (1.0, 3.0):  # what stands there when it is called
+        right.copy_(scale * noise)
+        solve()
+        back = np.einsum("ij,tjc->tic", matrix.toarray(), found.numpy())
+        np.testing.assert_allclose(back, right.numpy(), atol=scale * tolerance)
+
+
+def test_a_system_that_is_not_definite_is_refused():
+    with pytest.raises(ValueError, match="not positive definite"):
+        System(scipy.sparse.diags([1.0, -1.0, 2.0]).tocsr(), CPU, torch.float64)
 
 
 def test_remembered_steps_act_as_the_two_loop_recursion():
     """Against the textbook's loops, one problem at a time; a pair of negative curvature counts in neither."""
-    groups, size = 2, 30
-    generator = torch.Generator().manual_seed(0)
+    frames, generator = 2, torch.Generator().manual_seed(0)
+    topology = Topology(patch())
+    shape = frames, topology.n_vertices, 3
+    size = 3 * topology.n_vertices
 
     def noise(*shape):
         return torch.randn(*shape, generator=generator, dtype=torch.float64)
 
-    root = noise(groups, size, size)
+    root = noise(frames, size, size)
     hessian = root @ root.mT + torch.eye(size)
-    memory, kept = _Memory(), []
-    for number in range(_PAIRS + 3):
-        step = noise(groups, size)
+    zeros = torch.zeros(shape, dtype=torch.float64)
+    energy = Energy(topology, {}, zeros, torch.ones(1, topology.n_vertices, dtype=torch.float64))
+    begun = ConstrainedStep(energy, None, None)
+    memory, kept = StepMemory(energy, begun), []
+    for number in range(PAIRS + 3):
+        step = noise(frames, size)
         change = (hessian @ step[..., None])[..., 0]
-        if number == _PAIRS + 1:
+        if number == PAIRS + 1:
             change[0] *= -1
-        memory.add(step.clone(), change.clone())
-        kept = [*kept, (step, change)][-_PAIRS:]
-        gradient = noise(groups, size)
-        found = memory.direction(gradient, lambda rest: 0.3 * rest)
-        for group in range(groups):
-            pairs = [(s[group], y[group]) for s, y in kept if s[group] @ y[group] > 0]
-            torch.testing.assert_close(found[group], -two_loops(pairs, gradient[group]), rtol=1e-9, atol=1e-9)
+        begun.vertices.zero_()
+        begun.gradient.zero_()
+        energy.vertices.copy_(step.view(shape))
+        energy.gradient.copy_(change.view(shape))
+        memory.add()
+        assert torch.equal(begun.vertices, energy.vertices)
+        assert torch.equal(begun.gradient, energy.gradient)
+        kept = [*kept, (step, change)][-PAIRS:]
+        gradient = noise(frames, size)
+        memory.gradient.copy_(gradient.view(shape))
+        memory.prepare()
+        memory.solution.copy_(0.3 * memory.right)
+        memory.lead()
+        found = begun.direction.reshape(frames, size)
+        slope = (found * gradient).sum(1)
+        torch.testing.assert_close(memory.slope(), slope)
+        for frame in range(frames):
+            pairs = [(s[frame], y[frame]) for s, y in kept if s[frame] @ y[frame] > 0]
+            want = -two_loops(pairs, gradient[frame])
+            torch.testing.assert_close(found[frame], want, rtol=1e-8, atol=1e-8)
+        begun.length.zero_()  # so that any positive curvature counts
 
 
 def two_loops(pairs, gradient):
