@@ -21,6 +21,7 @@ SIMULATION = """
 title: two short clips
 garment: {edge_length: 0.05}
 solver: {min_substeps: 4, max_substeps: 4, iterations: 3, settle_seconds: 0.2, warm_up_seconds: 0.2}
+gates: {crossing_percent: 10}  # edges of 5 cm cut through knees and elbows
 clips:
   - {motion: twist, seed: 1, seconds: 1, split: test}
   - {motion: walk, seed: 1, seconds: 1, split: train}
@@ -98,7 +99,7 @@ def test_from_a_motion_to_the_metrics(tmp_path: Path, capsys: pytest.CaptureFixt
     np.testing.assert_array_equal(fused.skeleton.blend_weights, truth.skeleton.blend_weights)
 
     measured = metrics(capsys, *evaluate[1:])
-    assert set(measured) == {"clips", "overall"}
+    assert set(measured) == {"clips", "config", "overall"}
     assert set(measured["clips"]) == {CLIP}
     assert tuple(measured["overall"]) == METRICS
     assert measured["overall"] == pytest.approx(measured["clips"][CLIP], rel=1e-12)  # the mean of one clip

@@ -10,6 +10,8 @@ component and exact normals. One process computes, one solver after the other.
                     own weights, collision included; objective_ratio is local_global / adam
   *_longest_edge    the longest edge of any frame, as a multiple of its length in the template
   *_rmse_mm         mean distance of the vertices from the truth; rmse_ratio is local_global / adam
+  *_crossing_edges  edges of garment and body that pass through a face of the other, mean over the frames;
+                    *_crossing_most is of the worst frame
   *_normal_degrees  mean angle between the vertex normals and the true ones
   *_steps_STAGE     steps taken, mean over the frames
   *_cpu_seconds     a frame, seconds that the process kept cores busy, one thread, whole calls of `fuse` for 16 frames
@@ -42,6 +44,7 @@ import torch
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from fusion import FusionResult
+from fusion.obstacles import body_crossing_fractions
 from scripts.bench import fusion_scenes as scenes
 from scripts.bench.fusion import SOLVERS, Scene, losses, normal_degrees, rmse_mm, solver_config
 from scripts.bench.measuring import Results, command
@@ -103,6 +106,9 @@ def quality(scene: Scene, steps: int) -> dict[str, float]:
             f"{name}_rmse_mm": rmse_mm(result.vertices, scene),
             f"{name}_normal_degrees": normal_degrees(result.vertices, scene),
         }
+        crossing = crossing_edges(result.vertices, scene)
+        found |= {f"{name}_crossing_edges": float(crossing.mean())}
+        found |= {f"{name}_crossing_most": float(crossing.max())}
         found |= {f"{name}_steps_{stage}": count for stage, count in result.report["iterations"].items()}
     for key, measured in (("objective_ratio", "objective"), ("rmse_ratio", "rmse_mm")):
         found[key] = found[f"local_global_{measured}"] / found[f"adam_{measured}"]
@@ -140,6 +146,13 @@ def longest_edge(vertices: np.ndarray, scene: Scene) -> float:
     rest = np.linalg.norm(scene.imager.mesh.vertices[first] - scene.imager.mesh.vertices[second], axis=-1)
     lengths = np.linalg.norm(vertices[:, first] - vertices[:, second], axis=-1)
     return float((lengths / rest).max())
+
+
+def crossing_edges(vertices: np.ndarray, scene: Scene) -> np.ndarray:
+    """(T,) float64: edges of garment and body that pass through a face of the other."""
+    faces = scene.imager.mesh.faces
+    fractions = body_crossing_fractions(vertices, faces, scene.bodies, scene.body.faces)
+    return fractions * len(scene.imager.mesh.edges)
 
 
 def unseen(garments: tuple[str, ...], frames: slice, size: int) -> dict[str, float]:

@@ -133,7 +133,7 @@ def test_keys_with_their_section_are_keys(where: str) -> None:
     }
     for key in re.findall(r"`([a-z_]+(?:\.\w+)+)`", PAGES[where]):
         first, *_ = key.split(".")
-        if first in sections and not key.endswith((".md", ".yaml", ".npz", ".zarr")):
+        if first in sections and not key.endswith((".md", ".yaml", ".npz", ".obj", ".zarr")):
             assert any(has(schema, key) for schema in SCHEMAS.values()), key
 
 

@@ -68,7 +68,7 @@ def fraction_inside(vertices, scene):
 
 
 # The maps here are right, and worth following further than local_global does by default.
-ENOUGH = {"normal_iterations": 48, "normal_tolerance": 0.005}
+ENOUGH = {"normal_iterations": 64, "normal_tolerance": 0.002}
 
 
 @pytest.mark.parametrize("solver", ["adam", "local_global"])

@@ -44,14 +44,14 @@ def test_threads_that_define_kernels_at_once_get_the_same(monkeypatch):
     """The second definition took the first one's place in Warp's module, whose kernels then could not be launched."""
     calls = []
 
-    def slow(bits):
-        calls.append(bits)
+    def slow(bits, lanes):
+        calls.append((bits, lanes))
         time.sleep(0.05)
         return object()
 
     monkeypatch.setattr(energy_kernels, "_defined", cache(slow))
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(energy_kernels.kernels, [32] * 4))
+        found = list(pool.map(energy_kernels.kernels, [32] * 4, [8] * 4))
     assert len(set(map(id, found))) == len(calls) == 1
 
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from fusion import BodySdf, FusionConfig, FusionInputs, MovingSurface, PinnedVertices, fuse
+from fusion.crossing_report import CrossingFractions
 from fusion.smoothing import TemporalSmoothing, period_in_frames, smoothed_paths
 from fusion.stages import BatchResult
 from render import InputError
@@ -21,6 +22,7 @@ from tests.helpers.fusion_examples import (
     wrinkled,
 )
 
+UNCROSSED = CrossingFractions(None, np.zeros(0))
 RANDOM = np.random.default_rng(8)
 
 
@@ -81,7 +83,8 @@ def in_batches(vertices: np.ndarray, size: int, smoothing: TemporalSmoothing) ->
     parts = [vertices[first : first + size] for first in range(0, len(vertices), size)]
     inputs = smoothing.noting(FusionInputs(initial=part) for part in parts)
     solved = (
-        BatchResult(part, part, {}, np.zeros(len(part)), None) for part, _ in zip(parts, inputs, strict=True)
+        BatchResult(part, part, {}, np.zeros(len(part)), None, UNCROSSED)
+        for part, _ in zip(parts, inputs, strict=True)
     )
     return smoothing.smoothed(solved)
 
@@ -114,7 +117,9 @@ def test_no_more_frames_are_taken_than_reach_and_a_batch() -> None:
 
     smoothing = TemporalSmoothing(5.0, lambda _, before, smooth: (smooth, None), 30.0)
     still = np.zeros((2, 1, 3), np.float32)
-    solved = (BatchResult(still, still, {}, np.zeros(2), None) for _ in smoothing.noting(counted()))
+    solved = (
+        BatchResult(still, still, {}, np.zeros(2), None, UNCROSSED) for _ in smoothing.noting(counted())
+    )
     next(smoothing.smoothed(solved))
     assert len(taken) == 11
 

@@ -76,6 +76,8 @@ KEYS = {
                 "objective",
                 "longest_edge",
                 "rmse_mm",
+                "crossing_edges",
+                "crossing_most",
                 "normal_degrees",
                 "cpu_seconds",
                 "steps_normal",

@@ -221,10 +221,10 @@ def test_every_step_lowers_the_objective():
 
 def test_local_global_ends_no_higher_than_adam_and_as_near_to_the_truth(scene):
     """On a coarse mesh with time to spare; on fine ones the defaults do (scripts/bench/fusion.py)."""
-    patient = {"edge_tolerance": 0.02, "normal_iterations": 48, "normal_tolerance": 0.005}
+    patient = {"edge_tolerance": 0.02, "normal_iterations": 80, "normal_tolerance": 0.001}
     ours, adam = (solved(scene, {"solver": solver} | patient) for solver in SOLVERS)
     assert ours.report["total"]["normal"]["end"] <= adam.report["total"]["normal"]["end"]
-    assert error_mm(ours.vertices, scene) <= 1.1 * error_mm(adam.vertices, scene)
+    assert error_mm(ours.vertices, scene) <= error_mm(adam.vertices, scene)
 
 
 def test_a_turned_scene_gives_the_turned_garment(scene):
@@ -287,7 +287,8 @@ def test_pixels_without_confidence_do_not_count_whatever_they_hold(scene, solver
         spoilt["normals"][patch] *= -1
         results.append(solved(scene, config, **spoilt, confidence=confidence))
     np.testing.assert_array_equal(results[0].vertices, results[1].vertices)
-    trusted = solved(scene, config, **spoilt)
+    trusting = FusionConfig(solver=solver, automatic_confidence=False)
+    trusted = solved(scene, trusting, **spoilt)
     clean = error_mm(solved(scene, config).vertices, scene)
     assert error_mm(results[0].vertices, scene) < 1.5 * clean
     assert error_mm(trusted.vertices, scene) > 3 * clean

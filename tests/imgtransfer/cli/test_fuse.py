@@ -218,7 +218,9 @@ def test_predictions_are_fused_in_their_folders_and_only_once(folder, prediction
         before = {name: (predictions / name / "fused.npz").stat().st_ino for name in ("a", "b")}
         assert fuse(where, *more) == 0
         written = {n for n in before if (predictions / n / "fused.npz").stat().st_ino != before[n]}
-        assert capsys.readouterr().out.count("already") == (2 if where == predictions else 1) - len(written)
+        assert capsys.readouterr().out.count("fused already") == (2 if where == predictions else 1) - len(
+            written
+        )
         return written
 
     assert again() == set()

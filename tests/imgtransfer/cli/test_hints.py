@@ -28,6 +28,7 @@ COMMANDS = {
     "imgtransfer/report/glb.py": ("export",),
     "imgtransfer/pipeline/fuse.py": ("fuse",),
     "imgtransfer/pipeline/fuse_notes.py": ("fuse",),
+    "imgtransfer/pipeline/fuse_summary.py": ("fuse",),
     "imgtransfer/pipeline/fuse_task.py": ("fuse",),
     "imgtransfer/pipeline/folder.py": ("fuse",),
     "imgtransfer/pipeline/predict.py": ("predict",),
