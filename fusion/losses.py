@@ -105,30 +105,3 @@ def collision_loss(distance: torch.Tensor, *, margin_m: float = 0.0) -> torch.Te
         (...), at least 0; 0 once every vertex clears the margin, and for N = 0.
     """
     return (margin_m - distance).clamp(min=0).sum(-1) / max(distance.shape[-1], 1)
-
-
-def temporal_loss(vertices: torch.Tensor) -> torch.Tensor:
-    """Mean over vertices of the squared second difference over time, in m²; of a clip, not of a frame alone.
-
-    Args:
-        vertices: (T, N, 3), metres, consecutive frames of one clip.
-
-    Returns:
-        (T,), 0 at the first and last frame. Scaled so that the mean over all frames is the mean over the inner
-        ones; all 0 for fewer than 3 frames.
-    """
-    return second_difference(vertices)[0]
-
-
-def second_difference(vertices: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """`temporal_loss` (T,), and the gradient (T, N, 3) of its sum."""
-    frames, count, _ = vertices.shape
-    if frames < 3:
-        return vertices.new_zeros(frames), torch.zeros_like(vertices)
-    bend = vertices[:-2] - 2 * vertices[1:-1] + vertices[2:]
-    scale = frames / ((frames - 2) * max(count, 1))
-    inner = bend.square().sum((-2, -1)) * scale
-    pull = bend * (2 * scale)
-    pads = (0, 0, 0, 0)
-    sides = [torch.nn.functional.pad(pull, (*pads, before, 2 - before)) for before in range(3)]
-    return torch.nn.functional.pad(inner, (1, 1)), sides[0] - 2 * sides[1] + sides[2]

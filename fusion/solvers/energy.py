@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from fusion.losses import second_difference
 from fusion.solvers.pixel_faces import PixelFaces
 from fusion.solvers.recorder import Recorder, frames_last, lanes_on
 from fusion.topology import Topology
 
-TERMS = ("edge_length_m2", "displacement_m2", "normal_consistency", "normal_rendering", "temporal_m2")
+TERMS = ("edge_length_m2", "displacement_m2", "normal_consistency", "normal_rendering")
 
 
 class Energy:
@@ -39,8 +38,7 @@ class Energy:
         active: (T,), 1 for frames that take part, and 0; `activate` sets it.
         busy: (G,) int32, whether any frame of a group is active; groups of others keep gradient and terms of their last
             evaluation.
-        factors: (5,) float64, the weights in the order of TERMS.
-        coupled: whether the frames depend on each other (the temporal term).
+        factors: (4,) float64, the weights in the order of TERMS.
     """
 
     def __init__(
@@ -56,7 +54,6 @@ class Energy:
     ) -> None:
         frames, count, _ = anchor.shape
         self._weights = {name: weights.get(name, 0.0) for name in TERMS}
-        self.coupled = self._weights["temporal_m2"] > 0
         self.vertices, self.gradient = (frames_last(*anchor.shape, like=anchor) for _ in range(2))
         self.vertices.copy_(anchor)
         groups = -(-frames // lanes_on(anchor.device))
@@ -73,9 +70,7 @@ class Energy:
         self._pixels = frames_last(len(self._whole_active), with_pixels, like=anchor)
         on_edges, displacements, consistencies = self._of_vertices.unbind(1)
         n_edges, n_pixels = max(len(topology.edges), 1), max(len(pixel_faces.places) if pixel_faces else 1, 1)
-        self._divisors = torch.tensor([n_edges, 1, n_edges, n_pixels, 1], dtype=torch.float64).to(
-            anchor.device
-        )
+        self._divisors = torch.tensor([n_edges, 1, n_edges, n_pixels], dtype=torch.float64).to(anchor.device)
         self.factors = torch.tensor(list(self._weights.values()), dtype=torch.float64).to(anchor.device)
         self._recorder = record = Recorder(anchor, self.busy)
         vertices, gradient = record.frames(self.vertices), record.frames(self.gradient)
@@ -137,18 +132,11 @@ class Energy:
         self.busy.copy_(self._any_active)
 
     def evaluate(self) -> torch.Tensor:
-        """(T, 5) float64: the terms in the order of TERMS, unweighted; fills `gradient` of the weighted sum."""
+        """(T, 4) float64: the terms in the order of TERMS, unweighted; fills `gradient` of the weighted sum."""
         self._recorder.run()
         of_vertices, pixels = self._of_vertices.sum(-1), self._pixels.sum(-1, keepdim=True)
-        temporal = self._add_temporal() if self.coupled else self.active.new_zeros(len(self.active))
         terms = torch.cat([of_vertices, pixels], dim=1)[: len(self.active)]
-        return torch.cat([terms, temporal[:, None]], dim=1).double() / self._divisors
-
-    def _add_temporal(self) -> torch.Tensor:
-        """(T,) the temporal term; adds its gradient."""
-        value, gradient = second_difference(self.vertices)
-        self.gradient.add_(gradient, alpha=self._weights["temporal_m2"])
-        return value.double()
+        return terms.double() / self._divisors
 
     def _record_pixels(
         self,

@@ -21,7 +21,7 @@ class StepMemory:
     step ended, `add`.
 
     Args:
-        energy: of T frames; they count as one problem where it couples them.
+        energy: of T frames.
         step: its `direction` is what `lead` makes; its `vertices` and `gradient` are where the step begins, and, after
             `add`, where it ended.
 
@@ -31,7 +31,7 @@ class StepMemory:
     """
 
     def __init__(self, energy: Energy, step: ConstrainedStep) -> None:
-        like, self._coupled, self._step = energy.vertices, energy.coupled, step
+        like, self._step = energy.vertices, step
         frames, count, _ = like.shape
         self.gradient, self.right, self.solution = (frames_last(*like.shape, like=like) for _ in range(3))
         self._steps, self._changes = (frames_last(frames, PAIRS, count, 3, like=like) for _ in range(2))
@@ -70,7 +70,7 @@ class StepMemory:
     def prepare(self) -> None:
         """Make the right-hand side: the first loop, newest pair first."""
         if self._order:
-            along = self._multiplied("steps, gradient")
+            along = self._products["steps, gradient"]()
             for place in reversed(self._order):
                 self._alphas[:, place] = along[:, place] * self._inverse[:, place]
                 along = along - self._alphas[:, place, None] * self._by_change[:, :, place]
@@ -81,7 +81,7 @@ class StepMemory:
         """Let the step's direction follow from the solution: the second loop, oldest pair first."""
         lengths = torch.zeros_like(self._alphas)
         if self._order:
-            along = self._multiplied("changes, solution")
+            along = self._products["changes, solution"]()
             for place in self._order:
                 lengths[:, place] = self._alphas[:, place] - along[:, place] * self._inverse[:, place]
                 along = along + lengths[:, place, None] * self._by_change[:, place]
@@ -89,9 +89,9 @@ class StepMemory:
         self._make_direction.run()
 
     def slope(self) -> torch.Tensor:
-        """(T,) float64, or (1,) for coupled frames: direction times gradient."""
-        self._slope = self._multiplied("direction, gradient")[:, 0]
-        return self._slope[:1] if self._coupled else self._slope
+        """(T,) float64: direction times gradient."""
+        self._slope = self._products["direction, gradient"]()[:, 0]
+        return self._slope
 
     def add(self) -> None:
         """Keep the step to the energy's vertices; frames in which it has no positive curvature keep nothing."""
@@ -99,16 +99,11 @@ class StepMemory:
         self._order.append(place)
         self._place.fill_(place)
         self._remember.run()
-        products = self._multiplied("steps, gradient")
+        products = self._products["steps, gradient"]()
         product = products[:, place]
         good = product > _CURVATURE * (self._step.length * self._slope).abs()
         self._by_change[:, :, place] = products
         self._inverse[:, place] = torch.where(good, 1 / torch.where(good, product, 1), 0)
-
-    def _multiplied(self, name: str) -> torch.Tensor:
-        """(T, K) float64; of coupled frames their sum, in every frame."""
-        products = self._products[name]()
-        return products.sum(0, keepdim=True).expand_as(products) if self._coupled else products
 
 
 class _Products:

@@ -29,7 +29,7 @@ class Descent:
     Args:
         vertices: (T, N, 3) metres.
         iterations: (T,) int64, steps taken.
-        history: (K, T, 5) float64, the energy's terms at the start and after each of the K - 1 steps of the longest
+        history: (K, T, 4) float64, the energy's terms at the start and after each of the K - 1 steps of the longest
             frame.
         depths: (K, T), mean depth of the vertices in the obstacle, metres: at the start, as last asked for, at the end;
             None without obstacle.
@@ -51,7 +51,7 @@ def descend(
     loose: torch.Tensor | None = None,
     contact: Contact | None = None,
 ) -> Descent:
-    """Minimise the energy outside of the obstacle; every frame by itself, unless the energy couples them.
+    """Minimise the energy outside of the obstacle; every frame by itself.
 
     A vertex that touches the obstacle and is pushed into it slides along its tangent plane: an active set, which
     takes the place of the collision term (exact for a weight above the push).
@@ -69,7 +69,7 @@ def descend(
 
 
 class _Run:
-    """State of one `descend`; G = T independent problems, or one if the frames are coupled."""
+    """State of one `descend` of T independent problems, a frame each."""
 
     def __init__(
         self, energy: Energy, system: System, loose: torch.Tensor | None, contact: Contact | None
@@ -77,11 +77,10 @@ class _Run:
         self._energy, self._contact = energy, contact
         self._constrained = ConstrainedStep(energy, loose, contact)
         self._frames = len(energy.vertices)
-        self._groups = 1 if energy.coupled else self._frames
         self._memory = memory = StepMemory(energy, self._constrained)
         self._solve = system.solver(memory.right, memory.solution, energy.busy)
-        self._going = torch.ones(self._groups, dtype=torch.bool, device=energy.vertices.device)
-        self._value = torch.zeros(self._groups, dtype=torch.float64, device=energy.vertices.device)
+        self._going = torch.ones(self._frames, dtype=torch.bool, device=energy.vertices.device)
+        self._value = torch.zeros(self._frames, dtype=torch.float64, device=energy.vertices.device)
 
     def run(self, start: torch.Tensor, steps: int, tolerance: float) -> Descent:
         iterations = torch.zeros_like(self._going, dtype=torch.int64)
@@ -109,7 +108,7 @@ class _Run:
             depths[-1] = contact.depth
         return Descent(
             constrained.vertices.contiguous(),
-            iterations.expand(self._frames).clone(),
+            iterations,
             torch.stack(history),
             torch.stack(depths) if depths else None,
         )
@@ -130,7 +129,7 @@ class _Run:
     def _step(self) -> torch.Tensor:
         """One step of all problems that are still going; the terms after it."""
         constrained, energy = self._constrained, self._energy
-        energy.activate(self._going.expand(self._frames))
+        energy.activate(self._going)
         constrained.direction.copy_(constrained.gradient)
         self._memory.gradient.copy_(constrained.project())
         self._memory.prepare()
@@ -140,21 +139,21 @@ class _Run:
         constrained.project()
         slope = self._memory.slope()
         terms, lowered = self._line_search(slope)
-        energy.activate(self._going.expand(self._frames))
+        energy.activate(self._going)
         self._going = self._going & lowered
         self._memory.add()
         self._value = self._weighted(terms)
         return terms
 
     def _line_search(self, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Halve each problem's step until the energy falls enough: terms there, and whether it did (G,)."""
+        """Halve each problem's step until the energy falls enough: terms there, and whether it did (T,)."""
         length, trying = torch.ones_like(slope), self._going
         for halving in range(_HALVINGS + 1):
             if halving == _HALVINGS:  # nowhere to go within rounding: stay
                 length = torch.where(trying, 0, length)
-            self._constrained.length.copy_(length.expand(self._frames))
+            self._constrained.length.copy_(length)
             if halving:
-                self._energy.activate(trying.expand(self._frames))
+                self._energy.activate(trying)
             self._constrained.advance()
             terms = self._energy.evaluate()
             failed = trying & ~(self._weighted(terms) <= self._value + _SUFFICIENT * length * slope)
@@ -165,5 +164,5 @@ class _Run:
         return terms, length > 0
 
     def _weighted(self, terms: torch.Tensor) -> torch.Tensor:
-        """(T, 5) to the energies of the problems (G,)."""
-        return (terms * self._energy.factors).sum(-1).view(self._groups, -1).sum(-1)
+        """(T, 4) to the energies of the frames (T,)."""
+        return (terms * self._energy.factors).sum(-1)

@@ -15,7 +15,7 @@ from fusion import (
     normal_consistency_loss,
     normal_rendering_loss,
 )
-from fusion.losses import anchor_weights, second_difference, temporal_loss
+from fusion.losses import anchor_weights
 from render import Mesh, vertex_normals
 from tests.helpers.fusion_examples import tube, wrinkled
 
@@ -107,40 +107,16 @@ def test_a_pixel_s_confidence_scales_its_own_distance_only():
     assert found.item() == pytest.approx(want)
 
 
-def test_second_difference_by_hand():
-    """One vertex goes 0, 1, 4, 9 m along x: both second differences are 2 m, so each inner frame counts 4 · 4 / 2."""
-    vertices = torch.tensor([0.0, 1, 4, 9])[:, None, None] * torch.tensor([1.0, 0, 0])
-    assert temporal_loss(vertices).tolist() == [0.0, 8.0, 8.0, 0.0]
-    assert temporal_loss(vertices).mean().item() == 4.0
-    assert temporal_loss(vertices[:2]).tolist() == [0.0, 0.0]
-
-
-def test_second_differences_ignore_a_steady_walk_and_are_the_same_backwards():
-    vertices = torch.randn(6, 4, 3, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
-    walk = torch.arange(6.0, dtype=torch.float64)[:, None, None] * torch.tensor([0.1, -0.2, 0.3]).double()
-    torch.testing.assert_close(temporal_loss(vertices + walk), temporal_loss(vertices))
-    torch.testing.assert_close(temporal_loss(vertices.flip(0)), temporal_loss(vertices).flip(0))
-    assert temporal_loss(torch.zeros(4, 0, 3)).tolist() == [0.0] * 4  # no vertices
-
-
 @pytest.mark.parametrize("scale", [0.01, 100.0])
 def test_lengths_in_another_unit_scale_squared_terms_twice_and_depths_once(scale):
     vertices = torch.randn(5, 3, 3, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
     scaled = Topology(Mesh(scale * TRIANGLE.vertices, TRIANGLE.faces))
-    for term in (lambda v: displacement_loss(v, 0.5 * v.flip(0)), temporal_loss):
-        torch.testing.assert_close(term(scale * vertices), scale**2 * term(vertices))
+    found, want = (displacement_loss(v, 0.5 * v.flip(0)) for v in (scale * vertices, vertices))
+    torch.testing.assert_close(found, scale**2 * want)
     edges = scale**2 * edge_length_loss(vertices, Topology(TRIANGLE))
     torch.testing.assert_close(edge_length_loss(scale * vertices, scaled), edges)
     depth = collision_loss(vertices[..., 0], margin_m=0.3)
     torch.testing.assert_close(collision_loss(scale * vertices[..., 0], margin_m=0.3 * scale), scale * depth)
-
-
-def test_second_difference_s_gradient_is_that_of_its_sum():
-    vertices = torch.randn(
-        5, 3, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64
-    ).requires_grad_()
-    (want,) = torch.autograd.grad(temporal_loss(vertices).sum(), vertices)
-    torch.testing.assert_close(second_difference(vertices.detach())[1], want)
 
 
 def test_collision_by_hand():

@@ -10,7 +10,6 @@ from fusion.losses import (
     edge_length_loss,
     normal_consistency_loss,
     normal_rendering_loss,
-    temporal_loss,
 )
 from fusion.solvers.energy import TERMS, Energy
 from fusion.solvers.pixel_faces import PixelFaces, gradient_laplacian
@@ -24,7 +23,6 @@ WEIGHTS = {
     "displacement_m2": 5.0,
     "normal_consistency": 0.7,
     "normal_rendering": 1.3,
-    "temporal_m2": 11.0,
 }
 FRAMES = 4
 
@@ -61,7 +59,6 @@ def expected(parts, vertices, *rest):
         "displacement_m2": displacement_loss(vertices, anchor, vertex_weights),
         "normal_consistency": normal_consistency_loss(normals, topology),
         "normal_rendering": normal_rendering_loss(rendered, target, confidence),
-        "temporal_m2": temporal_loss(vertices),
     }
 
 
@@ -100,12 +97,11 @@ def test_float32_is_float64_within_rounding(parts):
 
 def test_frames_do_not_touch_each_other(parts):
     vertices, anchor, vertex_weights, target, confidence = problem(parts, torch.float32)
-    weights = WEIGHTS | {"temporal_m2": 0.0}
 
     def evaluated(frames):
         energy = Energy(
             parts[0],
-            weights,
+            WEIGHTS,
             anchor[frames],
             vertex_weights[frames],
             pixel_faces=parts[1],

@@ -40,7 +40,7 @@ def test_with_the_exact_hessian_one_step_reaches_the_minimum():
     torch.testing.assert_close(found.vertices, anchor)
     assert found.iterations.tolist() == [1, 1]
     assert found.depths is None
-    assert found.history.shape == (2, 2, 5)
+    assert found.history.shape == (2, 2, 4)
     want = (REST - anchor).square().sum((-2, -1)) / 4
     torch.testing.assert_close(found.history[:, :, 1], torch.stack([want, torch.zeros(2).double()]))
 
@@ -123,20 +123,6 @@ def test_a_frame_is_finished_by_itself_when_its_energy_falls_too_little():
         torch.testing.assert_close(found.vertices[frame], alone.vertices[0])
         assert found.iterations[frame] == alone.iterations[0]
     assert found.iterations[0] != found.iterations[1]
-
-
-def test_coupled_frames_are_one_problem():
-    """With the temporal term all frames take the same steps, and three frames on a line cost nothing."""
-    line = REST + torch.tensor([0.0, 1, 2]).double()[:, None, None] * torch.tensor([0.1, 0, 0])
-    energy = bowl(line, temporal_m2=2.0)
-    start = line.clone()
-    start[1] += 0.5
-    found = descend(energy, diagonal(EXACT), start, steps=60, tolerance=0.0)
-    assert energy.coupled
-    assert len(found.iterations.unique()) == 1
-    torch.testing.assert_close(found.vertices, line, rtol=0, atol=1e-5)
-    # At the start: 1 m off the line at the middle frame's vertices, in three axes, of 3 frames one inner.
-    np.testing.assert_allclose(found.history[0, :, 4], [0, 3 * 3 * 1.0, 0])
 
 
 def test_the_start_is_not_changed():
