@@ -13,8 +13,6 @@ from render import MeshSequence, Option
 from tests.blender.blender_python import run_blender
 
 pytestmark = pytest.mark.long
-pytest.importorskip("alembic3d")
-pytest.importorskip("pxr")
 
 ABC = ("plain.abc", "flat.abc", "triangles.abc", "centimetres.abc", "cages.abc", "instances.abc")
 USD = (

@@ -22,14 +22,13 @@ from tests.helpers.scenes import (
     AbcGeom,
     Gf,
     UsdGeom,
+    UsdSkel,
     Vt,
     Written,
     imath,
     write_abc,
     write_usd,
 )
-
-UsdSkel = pytest.importorskip("pxr.UsdSkel")
 
 WRITERS = {".abc": write_abc, ".usdc": write_usd}
 SUFFIXES = tuple(WRITERS)
