@@ -34,11 +34,12 @@ class _Garment(Section):
         None, gt=0.005, lt=0.1, description="Mean length of the mesh's edges; null is what `detail` says."
     )
     smoothing: Metres = Field(0.025, gt=0.0, lt=0.1, description="How far hollows of the body are bridged.")
+    name: str | None = Field(None, pattern=NAME, description="Of the garment in data sets; null is its kind.")
 
     @property
     def title(self) -> str:
         """What data sets and messages call the garment."""
-        return str(self.kind)  # type: ignore[attr-defined]  # every garment has one
+        return self.name or str(self.kind)  # type: ignore[attr-defined]  # every garment has one
 
     @property
     def target_edge(self) -> float:

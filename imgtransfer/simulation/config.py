@@ -163,7 +163,10 @@ class SimulateConfig(Section):
         (), description="Several in place of `body`: worn by these in turn, or by every one (`every_body`)."
     )
     garments: tuple[GarmentConfig, ...] = Field(
-        (), description="Several in place of `garment`: every motion is simulated in each of them."
+        (), description="Several in place of `garment`: every motion in each of them, or in them in turn."
+    )
+    every_garment: bool = Field(
+        True, description="Whether every motion is simulated in all `garments`, rather than in them in turn."
     )
     every_body: bool = Field(
         False, description="Whether every motion is simulated on all `bodies`, rather than on them in turn."
@@ -202,9 +205,12 @@ class SimulateConfig(Section):
     def singles(self, number: int) -> list[SimulateConfig]:
         """The configurations, of one garment and body each, that motion `number` (from 0) is simulated with."""
         bodies = self.bodies or (self.body,)
-        several = {"bodies": (), "garments": (), "every_body": False}
+        garments = self.garments or (self.garment,)
+        if not self.every_garment:
+            garments = (garments[number % len(garments)],)
+        several = {"bodies": (), "garments": (), "every_body": False, "every_garment": True}
         chosen = []
-        for turn, garment in enumerate(self.garments or (self.garment,)):
+        for turn, garment in enumerate(garments):
             worn_by = bodies if self.every_body else (bodies[(number + turn) % len(bodies)],)
             chosen += [
                 self.model_copy(update={"garment": garment, "body": body, **several}) for body in worn_by
