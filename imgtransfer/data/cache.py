@@ -56,17 +56,26 @@ class FrameCache:
             self._bytes -= _size(self._kept.popitem(last=False)[1])
         return arrays
 
-    def frames(self, index: Sequence[int] | np.ndarray) -> Arrays:
-        """The arrays of frames `index` (B,): stacked, so that the first axis is B."""
+    @property
+    def clip_starts(self) -> np.ndarray:
+        """(frames,) int64: of each frame, the number of its clip's first."""
+        firsts = [
+            start for start, (_, first, _) in zip(self._starts[:-1], self.chunks, strict=True) if first == 0
+        ]
+        readers = np.array([reader for reader, _, _ in self.chunks])
+        return np.repeat(np.array(firsts)[readers], self.lengths)
+
+    def frames(self, index: Sequence[int] | np.ndarray, arrays: slice = slice(None)) -> Arrays:
+        """The arrays of frames `index` (B,), or those of the `arrays` named: stacked, so that the first axis is B."""
         index = np.asarray(index)
         numbers = np.searchsorted(self._starts, index, side="right") - 1
         # Chunk by chunk, not frame by frame: a small cache must not read one chunk twice for a batch.
         by_row: dict[int, Arrays] = {}
         for number in np.unique(numbers):
-            arrays = self.chunk(int(number))
+            made = self.chunk(int(number))[arrays]
             for row in np.flatnonzero(numbers == number):
                 within = int(index[row] - self._starts[number])
-                by_row[int(row)] = tuple(values[within] for values in arrays)
+                by_row[int(row)] = tuple(values[within] for values in made)
         rows = [by_row[row] for row in range(len(index))]
         return tuple(np.stack(values) for values in zip(*rows, strict=True))
 

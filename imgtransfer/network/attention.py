@@ -21,17 +21,21 @@ class Attention(nn.Module):
         self.key_value = nn.Linear(dim, 2 * dim)
         self.output = nn.Linear(dim, dim)
 
-    def forward(self, tokens: Tensor, context: Tensor) -> Tensor:
+    def forward(self, tokens: Tensor, context: Tensor, *, seen: Tensor | None = None) -> Tensor:
         """(B, M, dim) queries and (B, M', dim) keys and values -> (B, M, dim).
 
-        For self-attention pass the same twice.
+        For self-attention pass the same twice. `seen` (1 or B, M') bool: which of the context counts, at least one;
+        all if None.
         """
         query = self._split(self.query(tokens))
         key, value = (self._split(part) for part in self.key_value(context).chunk(2, dim=-1))
         # Written out, not scaled_dot_product_attention: for the few tokens here (65 to 257) a layer with its
         # CPU kernel takes two to three times as long in bfloat16, forward and backward; about as long in
         # float32 (scripts/bench/training.py).
-        weights = torch.softmax((query * query.shape[-1] ** -0.5) @ key.mT, dim=-1)
+        scores = (query * query.shape[-1] ** -0.5) @ key.mT
+        if seen is not None:
+            scores = scores.masked_fill(~seen[:, None, None], -torch.inf)
+        weights = torch.softmax(scores, dim=-1)
         return self.output((weights @ value).transpose(1, 2).flatten(2))
 
     def _split(self, tokens: Tensor) -> Tensor:

@@ -98,6 +98,18 @@ class NetworkConfig(Section):
         description="The axes of the residual and of the template's offset in the first guess: the canonical frame's, "
         "or frames that turn with the body's surface. `body` only with `target: residual`.",
     )
+    body: Literal["images", "local"] = Field(
+        "images",
+        description="How the body is shown: its images in the canonical frame, encoded and attended to (the paper), or "
+        "for every patch of cloth how the body around it has moved, in the patch's own axes (`network.local_view`). "
+        "`local` only with `target: residual` and `frame: body`, and without `shortcuts`.",
+    )
+    history_s: tuple[Annotated[float, Unit("s"), Field(gt=0, le=2)], ...] = Field(
+        (),
+        max_length=8,
+        description="How long before each frame the body is shown as well; cloth lags behind. The paper's networks see "
+        "single frames. Only with `body: local`.",
+    )
     shortcuts: bool = Field(
         False,
         description="Connections past attention and convolutions, which learn slowly (`network.shortcuts`): the body's "
@@ -113,4 +125,8 @@ class NetworkConfig(Section):
             raise ValueError(
                 "frame: body needs target: residual; an absolute image has no first guess to turn"
             )
+        if self.body == "local" and (self.target, self.frame, self.shortcuts) != ("residual", "body", False):
+            raise ValueError("body: local needs target: residual, frame: body and shortcuts: false")
+        if self.history_s and self.body != "local":
+            raise ValueError("history_s needs body: local; body: images shows single frames")
         return self

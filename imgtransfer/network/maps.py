@@ -11,6 +11,7 @@ from torch import Tensor
 
 from imgtransfer.network.base import BodyGuess, Guess
 from imgtransfer.network.config import NetworkConfig
+from imgtransfer.network.local_view import LocalView
 from render import Mesh, PositionBox, TemplateImager, encode_normals, vertex_normals
 
 
@@ -50,10 +51,13 @@ class BodyMaps:
     Args:
         images: encoded images of the posed body by the garment's cameras.
         guess: the first guess, None where the network predicts absolute values.
+        local: (B, S, rows, columns, K + 1, L, 3) float32, how the body around each patch has moved (`LocalView`); None
+            where the network is shown the images.
     """
 
     images: ImagePair
     guess: Guess | None
+    local: Tensor | None = None
 
 
 class BodyImager:
@@ -86,6 +90,7 @@ class BodyImager:
         self.imager = TemplateImager.build(body, cameras=garment.cameras)
         self.mask = self.imager.mask.to(device)
         self._guess: BodyGuess | None = None
+        self.view: LocalView | None = None
         if config.target == "residual":
             templates, bodies = zip(*(shapes or [(garment.mesh.vertices, body.vertices)]), strict=True)
             template, template_normals = metric_maps(garment, _float32(templates, device))
@@ -100,18 +105,48 @@ class BodyImager:
                 rest_normals=rest_normals,
                 frame=config.frame,
             )
+            if config.body == "local":
+                self.view = LocalView(
+                    patch=config.encoder.patch,
+                    garment=garment,
+                    body=self.imager,
+                    templates=template,
+                    normals=template_normals,
+                    extended=self._guess.extend(rest),
+                    rest=_float32(bodies, device),
+                )
 
     @torch.no_grad()
-    def __call__(self, vertices: Tensor, shape: Tensor | None = None) -> BodyMaps:
+    def __call__(
+        self,
+        vertices: Tensor,
+        shape: Tensor | None = None,
+        *,
+        earlier: Tensor | None = None,
+        up: Tensor | None = None,
+    ) -> BodyMaps:
         """Images of posed bodies, on the device of their vertices.
 
         Args:
             vertices: (B, V, 3) float32, metres, canonical frame.
             shape: (B,) int64, which of `shapes` each is; the first if None.
+            earlier: (B, L - 1, J, 3) float32, metres, `LocalView.samples` of the body at the earlier times that the
+                network is shown, in the canonical frame of the frame itself; none if None.
+            up: (B, 3) float32, the vertical in the canonical frame; its y if None.
         """
         positions, normals = metric_maps(self.imager, vertices)
         images = ImagePair.encode(positions, normals, self.mask, self.box)
-        return BodyMaps(images, None if self._guess is None else self._guess(positions, normals, shape))
+        if self._guess is None:
+            return BodyMaps(images, None)
+        guess = self._guess(positions, normals, shape)
+        if self.view is None:
+            return BodyMaps(images, guess)
+        samples = self.view.samples(vertices)[:, None]
+        if earlier is not None:
+            samples = torch.cat([samples, earlier], dim=1)
+        if up is None:
+            up = vertices.new_tensor([[0.0, 1.0, 0.0]]).expand(len(vertices), 3)
+        return BodyMaps(images, guess, self.view(samples, guess, up, shape))
 
 
 def _float32(vertices: Sequence[np.ndarray], device: torch.device) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,9 @@ from torch import Tensor, nn
 from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
+from imgtransfer.network.history import earlier_steps, mixed, vertical
+from imgtransfer.network.local_transfer import LocalTransferNet
+from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.transfer import TransferNet
@@ -89,8 +92,8 @@ class TransferModel(nn.Module):
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
         views = tuple(camera.name for camera in self.imager.cameras if camera.layer == 0)
         self.maps, self.network, self.box = maps.model_copy(update={"views": views}), network, box
-        self.position_net = TransferNet(network, maps.size, views=images)
-        self.normal_net = TransferNet(network, maps.size, views=images)
+        self.position_net = _transfer_net(network, maps.size, images)
+        self.normal_net = _transfer_net(network, maps.size, images)
         vertices = torch.as_tensor(template.vertices, dtype=torch.float32)[None]
         garment = ImagePair.encode(*metric_maps(self.imager, vertices), self.imager.mask, box)
         # Buffers, so that they move with the networks; made again from the template, so not stored.
@@ -135,25 +138,34 @@ class TransferModel(nn.Module):
         check_clip(clip, self.imager.mesh, self.body)
 
     def forward(
-        self, body: BodyMaps, *, garment: ImagePair | None = None, tokens: tuple[Tensor, Tensor] | None = None
+        self,
+        body: BodyMaps,
+        *,
+        garment: ImagePair | TemplateView | None = None,
+        tokens: tuple[Tensor, Tensor] | None = None,
     ) -> ImagePair:
         """Images of the deformed garment.
 
         Args:
             body: maps of B posed bodies.
-            garment: the template's images, if not the model's own (a mirrored garment).
+            garment: the template as the networks see it: its images, if not the model's own (a mirrored garment), or
+                with `body: local` what `BodyImager.view` tells of it, which is needed.
             tokens: `encode_garment()` of an earlier call.
 
         Returns:
             encoded images, (B, S, H, W, 3) each; values off the silhouette mean nothing, normals are not yet
             unit.
         """
-        garment = garment or self.garment()
         position_tokens, normal_tokens = tokens or (None, None)
-        positions = self.position_net(
-            garment.positions, body.images.positions, garment_tokens=position_tokens
-        )
-        normals = self.normal_net(garment.normals, body.images.normals, garment_tokens=normal_tokens)
+        if isinstance(garment, TemplateView):
+            positions = self.position_net(garment, body.local, tokens=position_tokens)
+            normals = self.normal_net(garment, body.local, tokens=normal_tokens)
+        else:
+            garment = garment or self.garment()
+            positions = self.position_net(
+                garment.positions, body.images.positions, garment_tokens=position_tokens
+            )
+            normals = self.normal_net(garment.normals, body.images.normals, garment_tokens=normal_tokens)
         guess = body.guess
         if guess is None:
             return ImagePair(positions, normals)
@@ -162,15 +174,31 @@ class TransferModel(nn.Module):
             encode_normals(guess.normals + guess.turn(NORMAL_RESIDUAL * normals)),
         )
 
-    def calibrate(self, images: ImagePair) -> None:
-        """Let the shortcuts, where there are any, take their statistics from typical images of the body."""
-        for network, typical in ((self.position_net, images.positions), (self.normal_net, images.normals)):
-            if network.pose_code is not None:
-                network.pose_code.calibrate(typical)
+    def calibrate(self, typical: BodyMaps, garment: ImagePair | TemplateView) -> None:
+        """Let parts that need it take their statistics from maps of typical frames."""
+        images = typical.images
+        for network, image in ((self.position_net, images.positions), (self.normal_net, images.normals)):
+            if isinstance(network, LocalTransferNet):
+                assert isinstance(garment, TemplateView)
+                assert typical.local is not None
+                network.calibrate(typical.local, garment.covered[0])
+            elif network.pose_code is not None:
+                network.pose_code.calibrate(image)
 
-    def encode_garment(self) -> tuple[Tensor, Tensor]:
-        """The template's tokens of both networks, (1, S, 1 + M, dim) each."""
-        return self.position_net.encode(self.garment_positions), self.normal_net.encode(self.garment_normals)
+    def encode_garment(self, garment: ImagePair | TemplateView) -> tuple[Tensor, Tensor]:
+        """The template's tokens of both networks, to be given to `forward`."""
+        first, second = self.position_net, self.normal_net
+        if isinstance(garment, TemplateView):
+            assert isinstance(first, LocalTransferNet)
+            assert isinstance(second, LocalTransferNet)
+            return first.encode(garment), second.encode(garment)
+        assert isinstance(first, TransferNet)
+        assert isinstance(second, TransferNet)
+        return first.encode(garment.positions), second.encode(garment.normals)
+
+    def seen(self, imager: BodyImager) -> ImagePair | TemplateView:
+        """The template as the networks see it on the body of an imager: its first shape's view, or its images."""
+        return self.garment() if imager.view is None else imager.view.template()
 
     def predictor(self, clip: Clip) -> Predictor:
         """Predicts frames of clips with this garment and body.
@@ -223,17 +251,24 @@ class Predictor:
     def __init__(self, model: TransferModel, clip: Clip) -> None:
         self._model = model
         self._body = model.body_imager(clip)
-        self._tokens = model.encode_garment()
+        self._garment = model.seen(self._body)
+        self._tokens = model.encode_garment(self._garment)
+        self._history = None if self._body.view is None else _History(model.network.history_s, clip.fps)
         of_another_shape = not same_template(clip, model.imager.mesh)
         self._rest = clip.template.vertices.astype(np.float64) if of_another_shape else None
 
     @torch.no_grad()
     def __call__(self, clip: Clip) -> Prediction:
-        """The maps of all frames of `clip`, in one batch: about `FRAMES_AT_ONCE` are wanted."""
+        """The maps of all frames of `clip`, in one batch: about `FRAMES_AT_ONCE` are wanted.
+
+        Where the network is shown the body at earlier times, calls must follow each other as the frames do: each goes
+        on where the last ended.
+        """
         model = self._model
         frames = root_frames(clip, model.maps.root)
         batch = torch.from_numpy(frames.to_canonical(clip.body.vertices)).to(model.device)
-        images = model(self._body(batch), tokens=self._tokens)
+        body = self._body(batch) if self._history is None else self._local(clip, frames, batch)
+        images = model(body, garment=self._garment, tokens=self._tokens)
         if not (images.positions.isfinite().all() and images.normals.isfinite().all()):
             raise InputError(
                 f"{model.source}: predicts values that are not finite; the file is damaged, or the training diverged"
@@ -249,3 +284,50 @@ class Predictor:
             clip.fps,
             self._rest,
         )
+
+    def _local(self, clip: Clip, frames: RootFrames, batch: Tensor) -> BodyMaps:
+        assert self._history is not None
+        assert self._body.view is not None
+        world = torch.from_numpy(clip.body.vertices.astype(np.float32)).to(batch.device)
+        samples = self._body.view.samples(world).cpu().numpy()
+        earlier, up = self._history(samples, frames)
+        return self._body(
+            batch,
+            earlier=torch.from_numpy(earlier).to(batch.device),
+            up=torch.from_numpy(up).to(batch.device),
+        )
+
+
+class _History:
+    """Carries the body's samples from one part of a clip to the next.
+
+    Args:
+        history_s: how long before each frame the body is shown, seconds. fps: of the clip.
+    """
+
+    def __init__(self, history_s: Sequence[float], fps: float) -> None:
+        self._steps = earlier_steps(history_s, fps)
+        self._kept = max((far for _, far, _ in self._steps), default=0)
+        self._last: np.ndarray | None = None
+
+    def __call__(self, samples: np.ndarray, frames: RootFrames) -> tuple[np.ndarray, np.ndarray]:
+        """(T, J, 3) world -> (T, L - 1, J, 3) of earlier times and (T, 3) the vertical, both in the canonical frames.
+
+        Before the clip's first frame the body stood as it does there.
+        """
+        before = np.repeat(samples[:1], self._kept, axis=0) if self._last is None else self._last
+        whole = np.concatenate([before, samples])
+        self._last = whole[len(whole) - self._kept :]
+        at = np.arange(len(samples)) + self._kept
+        earlier = np.empty((len(samples), len(self._steps), *samples.shape[1:]), np.float32)
+        for number, (near, far, weight) in enumerate(self._steps):
+            earlier[:, number] = frames.to_canonical(mixed(whole[at - near], whole[at - far], weight))
+        return earlier, vertical(frames)
+
+
+def _transfer_net(
+    network: NetworkConfig, size: tuple[int, int], views: int
+) -> LocalTransferNet | TransferNet:
+    if network.body == "local":
+        return LocalTransferNet(network, size)
+    return TransferNet(network, size, views=views)

@@ -24,12 +24,13 @@ class RefinementBlock(nn.Module):
         self.norm_mlp = nn.LayerNorm(dim)
         self.mlp = mlp(dim)
 
-    def forward(self, garment: Tensor, body: Tensor) -> Tensor:
+    def forward(self, garment: Tensor, body: Tensor, *, seen: Tensor | None = None) -> Tensor:
         """(B, M, dim) garment tokens, (B, M', dim) body tokens -> (B, M, dim) garment tokens.
 
-        The body's tokens enter without a norm of this block, as in equation 9; the encoder ends with one.
+        The body's tokens enter without a norm of this block, as in equation 9; the encoder ends with one. `seen`
+        (1 or B, M) bool, with M' = M: which tokens show anything; all if None.
         """
-        garment = garment + self.cross(self.norm_cross(garment), body)  # equation 9
+        garment = garment + self.cross(self.norm_cross(garment), body, seen=seen)  # equation 9
         normed = self.norm_self(garment)
-        garment = garment + self.self_attention(normed, normed)  # equation 10
+        garment = garment + self.self_attention(normed, normed, seen=seen)  # equation 10
         return garment + self.mlp(self.norm_mlp(garment))  # equation 11

@@ -20,10 +20,10 @@ class VitBlock(nn.Module):
         self.norm_mlp = nn.LayerNorm(dim)
         self.mlp = mlp(dim)
 
-    def forward(self, tokens: Tensor) -> Tensor:
-        """(B, M, dim) -> (B, M, dim)."""
+    def forward(self, tokens: Tensor, *, seen: Tensor | None = None) -> Tensor:
+        """(B, M, dim) -> (B, M, dim); `seen` (1 or B, M) bool: which tokens the others look at, all if None."""
         normed = self.norm_attention(tokens)
-        tokens = tokens + self.attention(normed, normed)
+        tokens = tokens + self.attention(normed, normed, seen=seen)
         return tokens + self.mlp(self.norm_mlp(tokens))
 
 

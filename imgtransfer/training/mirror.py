@@ -5,6 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from imgtransfer.network.base import Guess
+from imgtransfer.network.local_view import TemplateView, mirrored_features, mirrored_template
 from imgtransfer.network.maps import BodyMaps, ImagePair
 from render import InputError, PositionBox, TemplateImager
 
@@ -45,7 +46,14 @@ class Mirror:
     def body(self, maps: BodyMaps) -> BodyMaps:
         """Mirrored images of the body, and the mirrored first guess."""
         guess = None if maps.guess is None else self._guess(maps.guess)
-        return BodyMaps(self._pair(maps.images, self._body), guess)
+        local = None if maps.local is None else mirrored_features(maps.local)
+        return BodyMaps(self._pair(maps.images, self._body), guess, local)
+
+    def seen(self, garment: ImagePair | TemplateView) -> ImagePair | TemplateView:
+        """The mirrored template, as the networks see it."""
+        if isinstance(garment, TemplateView):
+            return mirrored_template(garment)
+        return self.garment(garment)
 
     def _pair(self, images: ImagePair, kept: Tensor) -> ImagePair:
         return ImagePair(_flip(images.positions, self._twice, kept), _flip(images.normals, 1.0, kept))

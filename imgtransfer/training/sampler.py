@@ -10,9 +10,10 @@ from torch import Tensor
 from tqdm import tqdm
 
 from imgtransfer.data.cache import FrameCache
-from imgtransfer.data.canonical import RootMode, root_frames
+from imgtransfer.data.canonical import RootFrames, RootMode, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.reader import LoadedReader, Reader
+from imgtransfer.network.history import earlier_steps, vertical
 from imgtransfer.network.shapes import misfit, same_faces
 from imgtransfer.training.order import Order
 from render import InputError, Mesh
@@ -26,6 +27,7 @@ class Frames:
     Args:
         readers: the clips.
         root: what of the root's motion the canonical frame removes.
+        history_s: how long before each frame `earlier` gives the body as well, seconds.
         cache_bytes: memory for frames that have been read. Data that fit are read once; of larger data `order` shuffles
             neighbouring parts, so that each chunk of frames is read about once an epoch.
 
@@ -37,7 +39,14 @@ class Frames:
         shapes: one frame of the first clip in each shape; the very first clip's is the first.
     """
 
-    def __init__(self, readers: Sequence[Reader], root: RootMode, cache_bytes: int = 2**33) -> None:
+    def __init__(
+        self,
+        readers: Sequence[Reader],
+        root: RootMode,
+        cache_bytes: int = 2**33,
+        *,
+        history_s: Sequence[float] = (),
+    ) -> None:
         self._root = root
         self.shapes: list[Clip] = []
         known: dict[bytes, int] = {}
@@ -45,13 +54,18 @@ class Frames:
         self._cache = FrameCache(readers, self._canonical, cache_bytes)
         self._cache_bytes = cache_bytes
         chunks = np.array(self._cache.chunks)
-        self._shape_of_frame = np.repeat(shape_of[chunks[:, 0]], chunks[:, 2] - chunks[:, 1])
+        self._clip_start = self._cache.clip_starts
+        steps = [earlier_steps(history_s, reader.clip(0, 1).fps) for reader in readers]
+        lengths = chunks[:, 2] - chunks[:, 1]
+        # (frames, L - 1, 3): near, far, weight of the second.
+        self._steps = np.repeat(np.array(steps).reshape(len(readers), -1, 3)[chunks[:, 0]], lengths, axis=0)
+        self._shape_of_frame = np.repeat(shape_of[chunks[:, 0]], lengths)
         self._bytes_per_frame = 12 * (len(self.first.template.vertices) + len(self.first.body.rest))
 
     @classmethod
-    def from_clips(cls, clips: Sequence[Clip], root: RootMode) -> Frames:
+    def from_clips(cls, clips: Sequence[Clip], root: RootMode, *, history_s: Sequence[float] = ()) -> Frames:
         """The frames of clips that are in memory."""
-        return cls([LoadedReader(clip) for clip in clips], root)
+        return cls([LoadedReader(clip) for clip in clips], root, history_s=history_s)
 
     def __len__(self) -> int:
         return len(self._cache)
@@ -67,9 +81,39 @@ class Frames:
         Raises:
             InputError: damaged data.
         """
-        garment, body = self._cache.frames(index.numpy())
+        garment, body = self._cache.frames(index.numpy(), slice(2))
         shape = torch.from_numpy(self._shape_of_frame[index.numpy()])
         return torch.from_numpy(garment), torch.from_numpy(body), shape
+
+    def earlier(self, index: Tensor) -> tuple[Tensor, Tensor]:
+        """The bodies of frames `index` (B,) at the earlier times, and the vertical, in the frames' own canonical frame.
+
+        Before a clip's first frame the body stood as it does there.
+
+        Returns:
+            (B, L - 1, V, 3) float32, metres; (B, 3) float32.
+
+        Raises:
+            InputError: damaged data.
+        """
+        numbers = index.numpy()
+        rotation, translation = self._cache.frames(numbers, slice(2, 4))
+        here = RootFrames(rotation, translation)
+        bodies = []
+        for step in range(self._steps.shape[1]):
+            near, far, weight = self._steps[numbers, step].T
+            ends = [
+                self._world(np.maximum(numbers - back.astype(np.int64), self._clip_start[numbers]))
+                for back in (near, far)
+            ]
+            world = ends[0] + weight[:, None, None] * (ends[1] - ends[0])
+            bodies.append(here.to_canonical(world))
+        stacked = np.stack(bodies, axis=1) if bodies else np.empty((len(numbers), 0, 0, 3), np.float32)
+        return torch.from_numpy(stacked), torch.from_numpy(vertical(here))
+
+    def _world(self, numbers: np.ndarray) -> np.ndarray:
+        body, rotation, translation = self._cache.frames(numbers, slice(1, 4))
+        return RootFrames(rotation, translation).to_world(body).astype(np.float64)
 
     def _shape(self, clip: Clip, known: dict[bytes, int]) -> int:
         """The number of the clip's shape; a new one is checked, and added to `shapes` and `known`."""
@@ -113,10 +157,11 @@ class Frames:
         """Indices of at most `count` frames, evenly spread, int64."""
         return torch.linspace(0, len(self) - 1, min(count, len(self))).round().long()
 
-    def _canonical(self, clip: Clip) -> tuple[np.ndarray, np.ndarray]:
+    def _canonical(self, clip: Clip) -> tuple[np.ndarray, ...]:
         frames = root_frames(clip, self._root)
         assert clip.garment is not None  # _check_same saw to it
-        return frames.to_canonical(clip.garment.vertices), frames.to_canonical(clip.body.vertices)
+        garment, body = (frames.to_canonical(mesh.vertices) for mesh in (clip.garment, clip.body))
+        return garment, body, frames.rotation, frames.translation
 
 
 def _check_same(clip: Clip, first: Clip) -> None:

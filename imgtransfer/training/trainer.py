@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from imgtransfer.data.source import clip_refs
 from imgtransfer.network import TransferModel, map_errors, masked_l1
+from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
 from imgtransfer.training.checkpoint import (
@@ -70,7 +71,7 @@ class Trainer:
             id(f): self.model.body_imager(*f.shapes) for f in (self.train_frames, self.validation_frames)
         }
         typical = self.train_frames.spread(CALIBRATION_FRAMES)
-        self.model.calibrate(self.batch(self.train_frames, typical)[0].images)
+        self.model.calibrate(self.batch(self.train_frames, typical)[0], self._garment(self.train_frames))
         self.mirror = None
         if options.mirror:
             body_mask = self._bodies[id(self.train_frames)].mask
@@ -97,13 +98,10 @@ class Trainer:
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         body, truth = self.batch(self.train_frames, self.order.frames(self.step))
-        garment, mask = self.model.garment(), self.model.mask
+        garment, mask = self._garment(self.train_frames), self.model.mask
         if self.mirror is not None and self.order.coin(self.step):
-            body, truth, garment = (
-                self.mirror.body(body),
-                self.mirror.garment(truth),
-                self.mirror.garment(garment),
-            )
+            body, truth = self.mirror.body(body), self.mirror.garment(truth)
+            garment = self.mirror.seen(garment)
             mask = self.mirror.mask
         self.model.train()
         with self._autocast():
@@ -128,7 +126,12 @@ class Trainer:
     def batch(self, frames: Frames, index: Tensor) -> tuple[BodyMaps, ImagePair]:
         """What the networks are shown of frames `index` (B,) int64, and the true images, (B, S, H, W, 3) each."""
         garment, body_vertices, shape = frames.read(index)
-        body = self._bodies[id(frames)](body_vertices.to(self.device), shape.to(self.device))
+        imager, earlier, up = self._bodies[id(frames)], None, None
+        if imager.view is not None:
+            before, up = frames.earlier(index)
+            up = up.to(self.device)
+            earlier = imager.view.samples(before.to(self.device)) if before.shape[1] else None
+        body = imager(body_vertices.to(self.device), shape.to(self.device), earlier=earlier, up=up)
         positions, normals = metric_maps(self.model.imager, garment.to(self.device))
         return body, ImagePair.encode(positions, normals, self.model.mask, self.model.box)
 
@@ -146,7 +149,7 @@ class Trainer:
         for part in index.split(VALIDATION_BATCH):
             body, truth = self.batch(self.validation_frames, part)
             with self._autocast():
-                predicted = self.model(body)
+                predicted = self.model(body, garment=self._garment(self.validation_frames))
             errors = map_errors(predicted, truth, self.model.mask, self.model.box)
             if body.guess is not None:
                 guess = ImagePair.encode(
@@ -161,7 +164,13 @@ class Trainer:
     def _frames(self, choice: ClipChoice) -> Frames:
         data = self.config.data
         refs = clip_refs(data.source, split=choice.split, names=choice.names, exclude=choice.exclude)
-        return Frames([ref.reader() for ref in refs], self.config.maps.root, int(data.cache_gb * 1e9))
+        readers, root = [ref.reader() for ref in refs], self.config.maps.root
+        history = self.config.network.history_s
+        return Frames(readers, root, int(data.cache_gb * 1e9), history_s=history)
+
+    def _garment(self, frames: Frames) -> ImagePair | TemplateView:
+        """The template as the networks see it."""
+        return self.model.seen(self._bodies[id(frames)])
 
     def _autocast(self) -> torch.autocast:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision.name == "bfloat16")

@@ -29,3 +29,28 @@ def model_for(clip: Clip) -> TransferModel:
     for network in (model.position_net, model.normal_net):
         torch.nn.init.normal_(network.decoder.to_image.weight, std=0.1)
     return model.eval()
+
+
+LOCAL = {
+    "encoder": {"patch": 8, "dim": 16, "depth": 1, "heads": 2},
+    "blocks": 1,
+    "heads": 2,
+    "target": "residual",
+    "frame": "body",
+    "body": "local",
+    "history_s": [0.05],
+}
+
+
+def local_model_for(clip: Clip) -> TransferModel:
+    """The same, shown the body around each patch."""
+    torch.manual_seed(0)
+    model = TransferModel(
+        maps=MapsConfig(size=(64, 48)),
+        network=NetworkConfig.model_validate(LOCAL),
+        template=Mesh(clip.template.vertices, clip.template.faces),
+        box=PositionBox.around(clip.template.vertices, margin=0.5),
+    )
+    for network in (model.position_net, model.normal_net):
+        torch.nn.init.normal_(network.decoder.to_image.weight, std=0.1)
+    return model.eval()

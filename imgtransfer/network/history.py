@@ -1,0 +1,38 @@
+"""Where the body was some time before each frame, whatever the clip's frame rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from imgtransfer.data.canonical import RootFrames
+
+
+def earlier_steps(history_s: Sequence[float], fps: float) -> list[tuple[int, int, float]]:
+    """How far back, in frames of a clip, some times lie.
+
+    Args:
+        history_s: how long before the frame, seconds.
+        fps: of the clip.
+
+    Returns:
+        for each time the two frames that it lies between, as steps back, and the weight of the second: (2, 3, 0.25) is
+        three quarters of what was two frames ago and a quarter of what was three frames ago.
+    """
+    steps = []
+    for seconds in history_s:
+        back = round(seconds * fps, 6)  # 0.1 s at 30 frames a second are three frames, not 3.0000000000000004
+        near = int(np.floor(back))
+        steps.append((near, near + (back > near), back - near))
+    return steps
+
+
+def mixed(near: np.ndarray, far: np.ndarray, weight: float) -> np.ndarray:
+    """`near` and `far` (..., 3) blended linearly, as float32; exactly `near` where `weight` is 0."""
+    return near if weight == 0 else ((1 - weight) * near + weight * far).astype(np.float32)
+
+
+def vertical(frames: RootFrames) -> np.ndarray:
+    """(T, 3) float32: the world's y axis as the canonical frames have it."""
+    return frames.rotation[:, 1].astype(np.float32)
