@@ -76,7 +76,11 @@ class LocalTransferNet(nn.Module):
         self.norm_motion = nn.LayerNorm(dim)
         self.refinement = nn.ModuleList(RefinementBlock(dim, config.heads) for _ in range(config.blocks))
         self.norm = nn.LayerNorm(dim)
-        self.decoder = Decoder(dim=dim, blocks=patch.bit_length() - 1, linear=True, zero_start=True)
+        levels = patch.bit_length() - 1
+        # The two finest levels take most of a step's time; what they could add, the linear map from tokens has.
+        self.decoder = Decoder(
+            dim=dim, blocks=levels, linear=True, zero_start=True, interpolated=min(2, levels - 1)
+        )
         self.register_buffer("scale", torch.full((PLACES + 1, times, 1), 0.05))
 
     def encode(self, template: TemplateView) -> Tensor:
