@@ -23,6 +23,13 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     parser.add_argument("config", type=Path, help="the run's YAML, such as configs/demo.yaml")
     parser.add_argument("--data", type=Path, help="data set or folder of clip npz, in place of data.source")
+    parser.add_argument(
+        "--init",
+        type=Path,
+        metavar="MODEL",
+        help="begin with the weights of a trained model, a run's folder or its model.safetensors, in place of "
+        "training.init; garment, maps and network must be the same",
+    )
     parser.add_argument("--out", type=Path, help="folder of the run (default: runs/NAME of the YAML file)")
     parser.add_argument(
         "--resume",
@@ -40,9 +47,11 @@ def run(args: argparse.Namespace) -> None:
     from imgtransfer.training.loop import CONFIG_FILE, LOG_FILE, train  # noqa: PLC0415
 
     changes = list(args.set)
-    if args.data is not None:
-        refuse_twice(args, {"data": ("data.source",)})
-        changes.append(f"data.source={json.dumps(str(args.data))}")  # whatever the path, a text to YAML
+    paths = {"data": "data.source", "init": "training.init"}
+    refuse_twice(args, {option: (key,) for option, key in paths.items()})
+    for option, key in paths.items():
+        if (path := getattr(args, option)) is not None:
+            changes.append(f"{key}={json.dumps(str(path))}")  # whatever the path, a text to YAML
     config = load_config(RunConfig, args.config, changes)
     out = args.out or Path("runs") / args.config.stem
     model = train(config, out, resume=args.resume)

@@ -12,14 +12,16 @@ class Attention(nn.Module):
     Args:
         dim: width of the tokens, a multiple of `heads`.
         heads: number of heads.
+        dropout: fraction of the output that a training step leaves out.
     """
 
-    def __init__(self, dim: int, heads: int) -> None:
+    def __init__(self, dim: int, heads: int, dropout: float = 0.0) -> None:
         super().__init__()
         self.heads = heads
         self.query = nn.Linear(dim, dim)
         self.key_value = nn.Linear(dim, 2 * dim)
         self.output = nn.Linear(dim, dim)
+        self.dropout = dropped(dropout)
 
     def forward(self, tokens: Tensor, context: Tensor, *, seen: Tensor | None = None) -> Tensor:
         """(B, M, dim) queries and (B, M', dim) keys and values -> (B, M, dim).
@@ -36,16 +38,21 @@ class Attention(nn.Module):
         if seen is not None:
             scores = scores.masked_fill(~seen[:, None, None], -torch.inf)
         weights = torch.softmax(scores, dim=-1)
-        return self.output((weights @ value).transpose(1, 2).flatten(2))
+        return self.dropout(self.output((weights @ value).transpose(1, 2).flatten(2)))
 
     def _split(self, tokens: Tensor) -> Tensor:
         """(B, M, dim) -> (B, heads, M, dim / heads)."""
         return tokens.unflatten(-1, (self.heads, -1)).transpose(1, 2)
 
 
-def mlp(dim: int) -> nn.Sequential:
-    """Linear layers of [4 dim, dim] with GELU between (appendix C: [3072, 768])."""
-    return nn.Sequential(nn.Linear(dim, 4 * dim), nn.GELU(), nn.Linear(4 * dim, dim))
+def mlp(dim: int, dropout: float = 0.0) -> nn.Sequential:
+    """Linear layers of [4 dim, dim] with GELU between (appendix C: [3072, 768]), and dropout of what they give."""
+    return nn.Sequential(nn.Linear(dim, 4 * dim), nn.GELU(), nn.Linear(4 * dim, dim), dropped(dropout))
+
+
+def dropped(fraction: float) -> nn.Module:
+    """Dropout; without any, a layer that does nothing, since PyTorch's draws numbers for a fraction of 0, too."""
+    return nn.Dropout(fraction) if fraction else nn.Identity()
 
 
 def sine_cosine_grid(grid: tuple[int, int], dim: int) -> Tensor:

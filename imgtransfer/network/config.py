@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Unit
 from pydantic import Field, field_validator, model_validator
 
-from imgtransfer.config.schema import Section
+from imgtransfer.config.schema import Ratio, Section
 from imgtransfer.data.canonical import RootMode
 from render import parse_views
 from render.limits import MAX_LAYERS, MAX_LENGTH
@@ -115,6 +115,14 @@ class NetworkConfig(Section):
         description="Connections past attention and convolutions, which learn slowly (`network.shortcuts`): the body's "
         "tokens and a dense code of its whole image are added to the garment's tokens, and a linear map from tokens "
         "to patches to the decoder's image. Not in the paper.",
+    )
+
+    dropout: Ratio = Field(
+        0.0,
+        ge=0,
+        lt=1,
+        description="Fraction of what attention and MLPs add to the tokens that a step of the training leaves out, at "
+        "random; none in validation and prediction. Against overfitting to few clips.",
     )
 
     @model_validator(mode="after")

@@ -26,14 +26,14 @@ class TemplateEncoder(nn.Module):
     """The template at rest to tokens; they do not change while it is worn.
 
     Args:
-        dim, depth, heads, patch: of `EncoderConfig`.
+        dim, depth, heads, patch: of `EncoderConfig`. dropout: of `NetworkConfig`.
     """
 
-    def __init__(self, *, dim: int, depth: int, heads: int, patch: int) -> None:
+    def __init__(self, *, dim: int, depth: int, heads: int, patch: int, dropout: float) -> None:
         super().__init__()
         self.embed = nn.Conv2d(TEMPLATE_CHANNELS, dim, patch, stride=patch)
         self.around = nn.Linear(2 * PLACES, dim)
-        self.blocks = nn.ModuleList(VitBlock(dim, heads) for _ in range(depth))
+        self.blocks = nn.ModuleList(VitBlock(dim, heads, dropout) for _ in range(depth))
 
     def forward(self, template: TemplateView) -> Tensor:
         """(1 or B, S * M, dim), the views one after the other."""
@@ -71,10 +71,14 @@ class LocalTransferNet(nn.Module):
         self.config = config
         self.grid = (size[0] // patch, size[1] // patch)
         times = 1 + len(config.history_s)
-        self.encoder = TemplateEncoder(dim=dim, depth=encoder.depth, heads=encoder.heads, patch=patch)
+        self.encoder = TemplateEncoder(
+            dim=dim, depth=encoder.depth, heads=encoder.heads, patch=patch, dropout=config.dropout
+        )
         self.motion = nn.Sequential(nn.Linear(FEATURES * times, dim), nn.GELU(), nn.Linear(dim, dim))
         self.norm_motion = nn.LayerNorm(dim)
-        self.refinement = nn.ModuleList(RefinementBlock(dim, config.heads) for _ in range(config.blocks))
+        self.refinement = nn.ModuleList(
+            RefinementBlock(dim, config.heads, config.dropout) for _ in range(config.blocks)
+        )
         self.norm = nn.LayerNorm(dim)
         levels = patch.bit_length() - 1
         # The two finest levels take most of a step's time; what they could add, the linear map from tokens has.

@@ -16,7 +16,7 @@ def masked_l1(predicted: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
     Args:
         predicted: (..., S, H, W, 3).
         truth: same shape.
-        mask: (S, H, W) bool, the silhouette.
+        mask: (S, H, W) bool, the silhouette; or (..., S, H, W), one a frame.
 
     Returns:
         Shape (), in the images' unit; 0 for an empty mask. What lies in the background has no influence, not

@@ -16,6 +16,7 @@ from imgtransfer.network.history import earlier_steps, mixed, vertical
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_maps
+from imgtransfer.network.mirror import Garment, Mirror
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.transfer import TransferNet
 from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
@@ -87,6 +88,7 @@ class TransferModel(nn.Module):
         super().__init__()
         self.body = body
         self.source = "the model"  # what messages call it
+        self.mirrored_average = False  # whether predictions are means with those of the mirrored scene
         self.imager = TemplateImager.build(template, views=maps.views, size=maps.size, layers=maps.layers)
         images = len(self.imager.cameras)
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
@@ -141,7 +143,7 @@ class TransferModel(nn.Module):
         self,
         body: BodyMaps,
         *,
-        garment: ImagePair | TemplateView | None = None,
+        garment: Garment | None = None,
         tokens: tuple[Tensor, Tensor] | None = None,
     ) -> ImagePair:
         """Images of the deformed garment.
@@ -150,7 +152,7 @@ class TransferModel(nn.Module):
             body: maps of B posed bodies.
             garment: the template as the networks see it: its images, if not the model's own (a mirrored garment), or
                 with `body: local` what `BodyImager.view` tells of it, which is needed.
-            tokens: `encode_garment()` of an earlier call.
+            tokens: `encode_garment(garment)` of an earlier call; one for all frames, or one a frame, as of `garment`.
 
         Returns:
             encoded images, (B, S, H, W, 3) each; values off the silhouette mean nothing, normals are not yet
@@ -174,7 +176,7 @@ class TransferModel(nn.Module):
             encode_normals(guess.normals + guess.turn(NORMAL_RESIDUAL * normals)),
         )
 
-    def calibrate(self, typical: BodyMaps, garment: ImagePair | TemplateView) -> None:
+    def calibrate(self, typical: BodyMaps, garment: Garment) -> None:
         """Let parts that need it take their statistics from maps of typical frames."""
         images = typical.images
         for network, image in ((self.position_net, images.positions), (self.normal_net, images.normals)):
@@ -185,7 +187,7 @@ class TransferModel(nn.Module):
             elif network.pose_code is not None:
                 network.pose_code.calibrate(image)
 
-    def encode_garment(self, garment: ImagePair | TemplateView) -> tuple[Tensor, Tensor]:
+    def encode_garment(self, garment: Garment) -> tuple[Tensor, Tensor]:
         """The template's tokens of both networks, to be given to `forward`."""
         first, second = self.position_net, self.normal_net
         if isinstance(garment, TemplateView):
@@ -196,7 +198,27 @@ class TransferModel(nn.Module):
         assert isinstance(second, TransferNet)
         return first.encode(garment.positions), second.encode(garment.normals)
 
-    def seen(self, imager: BodyImager) -> ImagePair | TemplateView:
+    def versions(self, garment: Garment, mirror: Mirror) -> list[tuple[Garment, tuple[Tensor, Tensor]]]:
+        """A template as the networks see it and the mirrored one, each with its tokens: for `averaged`."""
+        return [(version, self.encode_garment(version)) for version in (garment, mirror.seen(garment))]
+
+    def averaged(
+        self, body: BodyMaps, mirror: Mirror, versions: Sequence[tuple[Garment, tuple[Tensor, Tensor]]]
+    ) -> ImagePair:
+        """Images as `forward` gives them, averaged with those of the mirrored scene (`Mirror.average`).
+
+        Args:
+            body: maps of B posed bodies.
+            mirror: of this garment and body.
+            versions: of the garment.
+        """
+        plain, mirrored = (
+            self(maps, garment=garment, tokens=tokens)
+            for maps, (garment, tokens) in zip((body, mirror.body(body)), versions, strict=True)
+        )
+        return mirror.average(plain, mirrored)
+
+    def seen(self, imager: BodyImager) -> Garment:
         """The template as the networks see it on the body of an imager: its first shape's view, or its images."""
         return self.garment() if imager.view is None else imager.view.template()
 
@@ -252,7 +274,12 @@ class Predictor:
         self._model = model
         self._body = model.body_imager(clip)
         self._garment = model.seen(self._body)
-        self._tokens = model.encode_garment(self._garment)
+        self._mirror: Mirror | None = None
+        if model.mirrored_average:
+            self._mirror = Mirror(model.imager, model.mask, self._body.mask, model.box)
+            self._versions = model.versions(self._garment, self._mirror)
+        else:
+            self._tokens = model.encode_garment(self._garment)
         self._history = None if self._body.view is None else _History(model.network.history_s, clip.fps)
         of_another_shape = not same_template(clip, model.imager.mesh)
         self._rest = clip.template.vertices.astype(np.float64) if of_another_shape else None
@@ -268,7 +295,7 @@ class Predictor:
         frames = root_frames(clip, model.maps.root)
         batch = torch.from_numpy(frames.to_canonical(clip.body.vertices)).to(model.device)
         body = self._body(batch) if self._history is None else self._local(clip, frames, batch)
-        images = model(body, garment=self._garment, tokens=self._tokens)
+        images = self._images(body)
         if not (images.positions.isfinite().all() and images.normals.isfinite().all()):
             raise InputError(
                 f"{model.source}: predicts values that are not finite; the file is damaged, or the training diverged"
@@ -284,6 +311,12 @@ class Predictor:
             clip.fps,
             self._rest,
         )
+
+    def _images(self, body: BodyMaps) -> ImagePair:
+        if self._mirror is None:
+            images: ImagePair = self._model(body, garment=self._garment, tokens=self._tokens)
+            return images
+        return self._model.averaged(body, self._mirror, self._versions)
 
     def _local(self, clip: Clip, frames: RootFrames, batch: Tensor) -> BodyMaps:
         assert self._history is not None

@@ -13,16 +13,17 @@ class RefinementBlock(nn.Module):
     Args:
         dim: width of the tokens.
         heads: heads of both attentions (4 in the paper).
+        dropout: see `NetworkConfig`.
     """
 
-    def __init__(self, dim: int, heads: int) -> None:
+    def __init__(self, dim: int, heads: int, dropout: float = 0.0) -> None:
         super().__init__()
         self.norm_cross = nn.LayerNorm(dim)
-        self.cross = Attention(dim, heads)
+        self.cross = Attention(dim, heads, dropout)
         self.norm_self = nn.LayerNorm(dim)
-        self.self_attention = Attention(dim, heads)
+        self.self_attention = Attention(dim, heads, dropout)
         self.norm_mlp = nn.LayerNorm(dim)
-        self.mlp = mlp(dim)
+        self.mlp = mlp(dim, dropout)
 
     def forward(self, garment: Tensor, body: Tensor, *, seen: Tensor | None = None) -> Tensor:
         """(B, M, dim) garment tokens, (B, M', dim) body tokens -> (B, M, dim) garment tokens.

@@ -28,9 +28,9 @@ class TransferNet(nn.Module):
     def __init__(self, config: NetworkConfig, size: tuple[int, int], *, views: int = 2) -> None:
         super().__init__()
         self.config = config
-        self.encoder = build_encoder(config.encoder, size)
+        self.encoder = build_encoder(config.encoder, size, config.dropout)
         self.refinement = nn.ModuleList(
-            RefinementBlock(config.encoder.dim, config.heads) for _ in range(config.blocks)
+            RefinementBlock(config.encoder.dim, config.heads, config.dropout) for _ in range(config.blocks)
         )
         self.decoder = Decoder(
             dim=config.encoder.dim,

@@ -13,12 +13,12 @@ from render import InputError
 class VitBlock(nn.Module):
     """Pre-norm transformer block: self-attention, then MLP."""
 
-    def __init__(self, dim: int, heads: int) -> None:
+    def __init__(self, dim: int, heads: int, dropout: float = 0.0) -> None:
         super().__init__()
         self.norm_attention = nn.LayerNorm(dim)
-        self.attention = Attention(dim, heads)
+        self.attention = Attention(dim, heads, dropout)
         self.norm_mlp = nn.LayerNorm(dim)
-        self.mlp = mlp(dim)
+        self.mlp = mlp(dim, dropout)
 
     def forward(self, tokens: Tensor, *, seen: Tensor | None = None) -> Tensor:
         """(B, M, dim) -> (B, M, dim); `seen` (1 or B, M) bool: which tokens the others look at, all if None."""
@@ -39,12 +39,15 @@ class VitEncoder(nn.Module):
         dim: width of the tokens.
         depth: number of blocks.
         heads: attention heads in a block.
+        dropout: see `NetworkConfig`.
 
     Raises:
         InputError: `size` is not a multiple of `patch`.
     """
 
-    def __init__(self, *, size: tuple[int, int], patch: int, dim: int, depth: int, heads: int) -> None:
+    def __init__(
+        self, *, size: tuple[int, int], patch: int, dim: int, depth: int, heads: int, dropout: float = 0.0
+    ) -> None:
         super().__init__()
         height, width = size
         if height % patch or width % patch:
@@ -57,7 +60,7 @@ class VitEncoder(nn.Module):
         self.embed = nn.Conv2d(3, dim, patch, stride=patch)
         self.cls = nn.Parameter(0.02 * torch.randn(1, 1, dim))
         self.position = nn.Parameter(0.1 * sine_cosine_grid(self.grid, dim)[None])
-        self.blocks = nn.ModuleList(VitBlock(dim, heads) for _ in range(depth))
+        self.blocks = nn.ModuleList(VitBlock(dim, heads, dropout) for _ in range(depth))
         self.norm = nn.LayerNorm(dim)
 
     def forward(self, images: Tensor) -> Tensor:
@@ -78,6 +81,13 @@ class VitEncoder(nn.Module):
         return self.norm(tokens)
 
 
-def build_encoder(config: EncoderConfig, size: tuple[int, int]) -> VitEncoder:
+def build_encoder(config: EncoderConfig, size: tuple[int, int], dropout: float = 0.0) -> VitEncoder:
     """The encoder that `config.kind` names, for images of `size` (height, width)."""
-    return VitEncoder(size=size, patch=config.patch, dim=config.dim, depth=config.depth, heads=config.heads)
+    return VitEncoder(
+        size=size,
+        patch=config.patch,
+        dim=config.dim,
+        depth=config.depth,
+        heads=config.heads,
+        dropout=dropout,
+    )

@@ -37,6 +37,7 @@ class PredictTask:
         clip: with the body.
         folder: for the results; appears whole or not at all.
         overwrite: whether to predict again what this model has predicted already.
+        mirrored_average: whether a model that averages with the mirrored prediction may do so.
     """
 
     model: Path
@@ -44,6 +45,7 @@ class PredictTask:
     clip: ClipRef
     folder: Path
     overwrite: bool = False
+    mirrored_average: bool = True
 
     @property
     def name(self) -> str:
@@ -58,7 +60,7 @@ def predict_clip(task: PredictTask) -> str:
         InputError: a model or clip that cannot be read, or that do not fit each other.
     """
     reader = task.clip.reader()
-    made = _fingerprint(reader, task.mark)
+    made = _fingerprint(reader, task.mark if task.mirrored_average else f"{task.mark}, not averaged")
     whole = (task.folder / MAPS_FILE).is_file()
     if whole and not task.overwrite and clip_stands(task.folder / POSITION_ONLY_FILE, made):
         return f"{task.folder}  predicted by this model already; {Option('overwrite', True)} does it again"
@@ -66,7 +68,8 @@ def predict_clip(task: PredictTask) -> str:
     batches = -(-reader.n_frames // FRAMES_AT_ONCE)
     bar = partial(tqdm, total=batches, desc=reader.name, unit="batch", leave=False, disable=hidden)
     record = {"model": task.mark, MADE: made}
-    save_prediction(task.folder, _model(task.model, task.mark), reader, record=record, progress=bar)
+    model = _model(task.model, task.mark, task.mirrored_average)
+    save_prediction(task.folder, model, reader, record=record, progress=bar)
     return f"{task.folder}  {reader.n_frames} frames"
 
 
@@ -128,9 +131,11 @@ def _map_file(prediction: Prediction) -> MapFile:
 
 
 @lru_cache(maxsize=1)
-def _model(path: Path, mark: str) -> TransferModel:
+def _model(path: Path, mark: str, mirrored_average: bool) -> TransferModel:
     """The model, read once a process; `mark` tells it from an earlier one at the same path."""
-    return load_model(path)
+    model = load_model(path)
+    model.mirrored_average &= mirrored_average
+    return model
 
 
 def _fingerprint(reader: Reader, model: str) -> str:

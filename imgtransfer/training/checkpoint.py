@@ -58,6 +58,7 @@ def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32
         "network": model.network.model_dump(mode="json"),
         "box_lo": model.box.lo.tolist(),
         "box_hi": model.box.hi.tolist(),
+        "mirrored_average": model.mirrored_average,
         "steps": steps,
     }
     return write_tensors(path, tensors, header)
@@ -86,13 +87,18 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
         box = PositionBox(np.asarray(header["box_lo"]), np.asarray(header["box_hi"]))
         template = _mesh(tensors, "template", path)
         body = _mesh(tensors, "body", path) if "body_vertices" in tensors else None
+        mirrored_average = header.get(
+            "mirrored_average", False
+        )  # models made before it was recorded have none
+        if not isinstance(mirrored_average, bool):
+            raise TypeError(f"mirrored_average is {mirrored_average!r}, and true or false is wanted")
     # pydantic's ValidationError is a ValueError
     except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise InputError(f"{path}: not a model that this version can read ({said_by(error)})") from error
     _check_shapes(network, maps, tensors, path)
     model = TransferModel(maps=maps, network=network, template=template, box=box, body=body)
     load_weights(model, tensors, path)
-    model.source = str(path)
+    model.source, model.mirrored_average = str(path), mirrored_average
     return model.eval().to(device)
 
 
@@ -136,9 +142,31 @@ def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -
     Raises:
         InputError: weights that are not finite floating-point numbers, or of another architecture.
     """
-    weights = {
-        key.removeprefix("model."): value for key, value in tensors.items() if key.startswith("model.")
-    }
+    try:
+        model.load_state_dict(_weights(tensors, "model", path), strict=True)
+    except RuntimeError as error:
+        raise InputError(f"{path}: the weights are of another architecture ({said_by(error)})") from error
+
+
+def averaged_weights(tensors: dict[str, Tensor], model: TransferModel, path: Path) -> dict[str, Tensor]:
+    """The tensors "average.*" by the names of the model's parameters (`training.ema`).
+
+    Raises:
+        InputError: not one for each parameter, of its shape, finite.
+    """
+    mean = _weights(tensors, "average", path)
+    wanted = {name: parameter.shape for name, parameter in model.named_parameters()}
+    if {name: value.shape for name, value in mean.items()} != wanted:
+        raise InputError(
+            f"{path}: damaged, its averaged weights do not fit the model; choose another {Option('out')} for a new run"
+        )
+    return mean
+
+
+def _weights(tensors: dict[str, Tensor], kind: str, path: Path) -> dict[str, Tensor]:
+    """The tensors "KIND.NAME" by name, float32."""
+    start = f"{kind}."
+    weights = {key.removeprefix(start): value for key, value in tensors.items() if key.startswith(start)}
     odd = [key for key, value in weights.items() if not value.is_floating_point()]
     if odd:
         raise InputError(
@@ -149,10 +177,7 @@ def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -
         raise InputError(
             f"{path}: has weights that are not finite; the training diverged, or the file is damaged"
         )
-    try:
-        model.load_state_dict(weights, strict=True)
-    except RuntimeError as error:
-        raise InputError(f"{path}: the weights are of another architecture ({said_by(error)})") from error
+    return weights
 
 
 def optimizer_state(

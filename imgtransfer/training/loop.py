@@ -37,8 +37,8 @@ def train(
     Args:
         config: the run.
         out: folder for config.yaml, log.jsonl (a line a step and a validation; the first line that a process writes
-            also says which number type it chose), model.safetensors, state.safetensors. Only one process may train
-            there at a time.
+            also says which number type it chose, and which model the run began with), model.safetensors,
+            state.safetensors. Only one process may train there at a time.
         resume: go on with the run in `out`; one that has saved nothing yet begins at step 0.
         tell: called once with the seconds that are left, after the first steps.
 
@@ -70,7 +70,7 @@ def _steps(trainer: Trainer, out: Path, tell: Callable[[float], None]) -> None:
     """The steps that are left, with a bar."""
     options, started = trainer.config.training, time.monotonic()
     saved_step, saved_at = -1, started
-    once = iter([trainer.precision.log_entry()])  # with the first line of this process
+    once = iter([trainer.precision.log_entry() | _begun_with(trainer)])  # with the first line of this process
     bar = tqdm(total=options.steps, initial=trainer.step, desc="train", unit="step", file=sys.stderr)
     with bar, log_from(out / LOG_FILE, trainer.step) as write, stop_between_steps() as stop:
         if trainer.step == 0:
@@ -105,3 +105,10 @@ def _steps(trainer: Trainer, out: Path, tell: Callable[[float], None]) -> None:
             "stopped after step %d; the same command with %s goes on", trainer.step, Option("resume", True)
         )
         raise stop.error()
+
+
+def _begun_with(trainer: Trainer) -> dict[str, str | float]:
+    """What the log says of the model that the run began with."""
+    if trainer.init_mark is None:
+        return {}
+    return {"init": str(trainer.config.training.init), "init_sha256": trainer.init_mark}

@@ -36,9 +36,13 @@ class Order:
         places = range(step * self.batch, (step + 1) * self.batch)
         return torch.stack([self._epoch(place // self.n_frames)[place % self.n_frames] for place in places])
 
-    def coin(self, step: int) -> bool:
-        """A fair coin for the step."""
-        return bool(torch.rand((), generator=self._generator(2 * step + 1)) < 0.5)
+    def coins(self, step: int) -> Tensor:
+        """(batch,) bool, a fair coin for each frame of the step."""
+        return torch.rand(self.batch, generator=self._generator(2 * step + 1)) < 0.5
+
+    def step_seed(self, step: int) -> int:
+        """A seed for what else is random in the step, of no other stream of numbers."""
+        return int(np.random.SeedSequence([self.seed, step, 1]).generate_state(1)[0])
 
     def _epoch(self, epoch: int) -> Tensor:
         if epoch not in self._epochs:

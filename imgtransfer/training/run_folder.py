@@ -14,7 +14,7 @@ from typing import Any
 from imgtransfer.config.loader import load_config
 from imgtransfer.training.checkpoint import MODEL_FILE, STATE_FILE
 from imgtransfer.training.config import RunConfig
-from imgtransfer.training.trainer import learning_rate
+from imgtransfer.training.optimizer import learning_rate
 from render import InputError, Option
 
 _log = logging.getLogger(__name__)

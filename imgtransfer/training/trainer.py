@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -10,26 +10,30 @@ import torch
 from torch import Tensor, nn
 
 from imgtransfer.data.source import clip_refs
-from imgtransfer.network import TransferModel, map_errors, masked_l1
-from imgtransfer.network.local_view import TemplateView
+from imgtransfer.network import map_errors, masked_l1
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
+from imgtransfer.network.mirror import Garment, Mirror, of_frames
+from imgtransfer.training.averaging import WeightAverage
 from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
     MODEL_FILE,
     STATE_FILE,
     STATE_FORMAT,
+    averaged_weights,
+    fingerprint,
     load_weights,
     optimizer_state,
     read_tensors,
     save_model,
     write_tensors,
 )
-from imgtransfer.training.config import ClipChoice, RunConfig, TrainingConfig
-from imgtransfer.training.mirror import Mirror
+from imgtransfer.training.config import ClipChoice, RunConfig
+from imgtransfer.training.optimizer import build_optimizer, learning_rate, moments, set_moments
 from imgtransfer.training.precision import Workload, bfloat16_ratio, choose_precision
 from imgtransfer.training.sampler import Frames
-from render import InputError, Mesh, Option, PositionBox
+from imgtransfer.training.start import new_model, trained_model
+from render import InputError, Option
 
 VALIDATION_BATCH = 16
 CALIBRATION_FRAMES = 64
@@ -54,33 +58,29 @@ class Trainer:
         self.validation_frames = self._frames(config.data.validation)
         workload = Workload.of(config.maps, config.network, options.batch_frames)
         self.precision = choose_precision(options.precision, partial(bfloat16_ratio, self.device, workload))
-        first = self.train_frames.first
         if self.device.type == "cpu":
             check_training_memory(config.network, config.maps, batch_frames=options.batch_frames)
         # Seeded after the data and before the weights: the same seed gives the same run on any amount of
         # data.
         torch.manual_seed(options.seed)
-        self.model = TransferModel(
-            maps=config.maps,
-            network=config.network,
-            template=Mesh(first.template.vertices, first.template.faces, first.name),
-            box=PositionBox.around(self.train_frames.garment_bounds()),
-            body=Mesh(first.body.rest, first.body.faces, first.name),
-        ).to(self.device)
+        if options.init is None:
+            self.model = new_model(config, self.train_frames).to(self.device)
+        else:
+            self.model = trained_model(config, self.train_frames, options.init).to(self.device)
+        self.init_mark = None if options.init is None else fingerprint(options.init)
         self._bodies = {
             id(f): self.model.body_imager(*f.shapes) for f in (self.train_frames, self.validation_frames)
         }
-        typical = self.train_frames.spread(CALIBRATION_FRAMES)
-        self.model.calibrate(self.batch(self.train_frames, typical)[0], self._garment(self.train_frames))
-        self.mirror = None
-        if options.mirror:
-            body_mask = self._bodies[id(self.train_frames)].mask
-            self.mirror = Mirror(self.model.imager, self.model.mask, body_mask, self.model.box)
+        garment = self._garment(self.train_frames)
+        if options.init is None:
+            typical = self.train_frames.spread(CALIBRATION_FRAMES)
+            self.model.calibrate(self.batch(self.train_frames, typical)[0], garment)
+        self.mirror = self._mirror(self.train_frames) if options.mirror else None
+        self.model.mirrored_average = options.mirror
+        self._shown = garment if self.mirror is None else self.mirror.both(garment)
         self.order = self.train_frames.order(options.batch_frames, options.seed)
-        kind = torch.optim.Adam if options.optimizer == "adam" else torch.optim.AdamW
-        self.optimizer = kind(
-            self.model.parameters(), lr=options.learning_rate, weight_decay=options.weight_decay, fused=True
-        )
+        self.optimizer = build_optimizer(self.model, options)
+        self._average = None if options.ema is None else WeightAverage(self.model, options.ema)
         self.step = 0
 
     def train_step(self) -> dict[str, float]:
@@ -98,14 +98,19 @@ class Trainer:
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         body, truth = self.batch(self.train_frames, self.order.frames(self.step))
-        garment, mask = self._garment(self.train_frames), self.model.mask
-        if self.mirror is not None and self.order.coin(self.step):
-            body, truth = self.mirror.body(body), self.mirror.garment(truth)
-            garment = self.mirror.seen(garment)
-            mask = self.mirror.mask
+        mask, mirrored = self.model.mask, None
+        if self.mirror is not None:
+            mirrored = self.order.coins(self.step).to(self.device)
+            body, truth = self.mirror.body(body, mirrored), self.mirror.garment(truth, mirrored)
+            mask = self.mirror.masks(mirrored)
         self.model.train()
+        if self.config.network.dropout:
+            torch.manual_seed(self.order.step_seed(self.step))  # a resumed run draws the same
         with self._autocast():
-            predicted = self.model(body, garment=garment)
+            garment, tokens = self._shown, self.model.encode_garment(self._shown)
+            if mirrored is not None:
+                garment, tokens = of_frames((garment, tokens), mirrored)
+            predicted = self.model(body, garment=garment, tokens=tokens)
         position_loss = masked_l1(predicted.positions, truth.positions, mask)
         normal_loss = masked_l1(predicted.normals, truth.normals, mask)
         self.optimizer.zero_grad()
@@ -116,6 +121,8 @@ class Trainer:
                 nn.utils.clip_grad_norm_(network.parameters(), options.gradient_clip)
         self.optimizer.step()
         self.step += 1
+        if self._average is not None:
+            self._average.update(self.step)
         return {
             "position_loss": position_loss.item(),
             "normal_loss": normal_loss.item(),
@@ -137,7 +144,8 @@ class Trainer:
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
-        """Mean errors over the covered pixels of frames spread over the validation clips.
+        """Mean errors over the covered pixels of frames spread over the validation clips, predicted as
+        `imgtransfer predict` does.
 
         Returns:
             position_mm, the distance to the true position; normal_degrees, the angle to the true normal; and
@@ -148,8 +156,8 @@ class Trainer:
         index = self.validation_frames.spread(self.config.data.validation_frames)
         for part in index.split(VALIDATION_BATCH):
             body, truth = self.batch(self.validation_frames, part)
-            with self._autocast():
-                predicted = self.model(body, garment=self._garment(self.validation_frames))
+            with self._autocast(), self._result():
+                predicted = self._predicted(body)
             errors = map_errors(predicted, truth, self.model.mask, self.model.box)
             if body.guess is not None:
                 guess = ImagePair.encode(
@@ -168,9 +176,25 @@ class Trainer:
         history = self.config.network.history_s
         return Frames(readers, root, int(data.cache_gb * 1e9), history_s=history)
 
-    def _garment(self, frames: Frames) -> ImagePair | TemplateView:
+    def _garment(self, frames: Frames) -> Garment:
         """The template as the networks see it."""
         return self.model.seen(self._bodies[id(frames)])
+
+    def _mirror(self, frames: Frames) -> Mirror:
+        return Mirror(self.model.imager, self.model.mask, self._bodies[id(frames)].mask, self.model.box)
+
+    def _predicted(self, body: BodyMaps) -> ImagePair:
+        """Images for maps of validation frames."""
+        garment = self._garment(self.validation_frames)
+        if not self.model.mirrored_average:
+            images: ImagePair = self.model(body, garment=garment)
+            return images
+        mirror = self._mirror(self.validation_frames)
+        return self.model.averaged(body, mirror, self.model.versions(garment, mirror))
+
+    def _result(self) -> AbstractContextManager[None]:
+        """Within, the model has the weights that the run's result has: the averaged ones where they are averaged."""
+        return nullcontext() if self._average is None else self._average.in_place()
 
     def _autocast(self) -> torch.autocast:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision.name == "bfloat16")
@@ -178,11 +202,14 @@ class Trainer:
     def save(self, folder: Path) -> None:
         """Write the state to resume from, then the model; each file appears whole or not at all."""
         tensors = {f"model.{key}": value for key, value in self.model.state_dict().items()}
-        for index, moments in self.optimizer.state_dict()["state"].items():
-            tensors |= {f"optimizer.{index}.{key}": value for key, value in moments.items()}
+        for number, its in moments(self.model, self.optimizer).items():
+            tensors |= {f"optimizer.{number}.{key}": value for key, value in its.items()}
+        if self._average is not None:
+            tensors |= {f"average.{key}": value for key, value in self._average.tensors().items()}
         header = {"format": STATE_FORMAT, "format_version": FORMAT_VERSION, "step": self.step, **self._box()}
-        write_tensors(folder / STATE_FILE, tensors, header)
-        save_model(folder / MODEL_FILE, self.model, stored=self.config.training.stored, steps=self.step)
+        write_tensors(folder / STATE_FILE, tensors, header | {"init": self.init_mark})
+        with self._result():
+            save_model(folder / MODEL_FILE, self.model, stored=self.config.training.stored, steps=self.step)
 
     def load(self, folder: Path) -> None:
         """Go on where `save` left off.
@@ -201,25 +228,21 @@ class Trainer:
             raise InputError(
                 f"{path}: the training data have changed since; start a new run with another {Option('out')}"
             )
+        if header.get("init") != self.init_mark:
+            raise InputError(
+                f"{path}: the run began with another model than {self.config.training.init} is now; put that one "
+                f"back, or start a new run with another {Option('out')}"
+            )
         load_weights(self.model, tensors, path)
         state = optimizer_state(tensors, list(self.model.parameters()), path, begun=step > 0)
-        groups = self.optimizer.state_dict()["param_groups"]
-        self.optimizer.load_state_dict({"state": state, "param_groups": groups})
+        set_moments(self.model, self.optimizer, state)
+        if self._average is not None:
+            self._average.load(averaged_weights(tensors, self.model, path))
         self.step = step
 
     def _box(self) -> dict[str, list[float]]:
         """The position box as headers have it, by which other training data are noticed."""
         return {"box_lo": self.model.box.lo.tolist(), "box_hi": self.model.box.hi.tolist()}
-
-
-def learning_rate(options: TrainingConfig, step: int) -> float:
-    """The rate of step 0, 1, ...: a linear warm-up, then constant or half a cosine down to 0 at the end."""
-    if step < options.warmup_steps:
-        return options.learning_rate * (step + 1) / options.warmup_steps
-    if options.schedule == "constant":
-        return options.learning_rate
-    done = (step - options.warmup_steps) / max(options.steps - options.warmup_steps, 1)
-    return options.learning_rate * (1 + math.cos(math.pi * done)) / 2
 
 
 def _device(wanted: str) -> str:

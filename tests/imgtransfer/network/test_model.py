@@ -11,8 +11,8 @@ from pydantic import ValidationError
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
+from imgtransfer.network.mirror import Mirror
 from imgtransfer.training.checkpoint import load_model, save_model
-from imgtransfer.training.mirror import Mirror
 from render import InputError, Mesh, PositionBox, TemplateImager
 
 NETWORK = {"encoder": {"patch": 8, "dim": 16, "depth": 1, "heads": 2}, "blocks": 1, "shortcuts": True}

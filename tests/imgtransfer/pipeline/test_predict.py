@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +14,16 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.cli.main import main
+from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip, load_clip, save_clip
 from imgtransfer.data.store import DataSet
+from imgtransfer.network import TransferModel
+from imgtransfer.network.history import vertical
+from imgtransfer.network.mirror import Mirror
 from imgtransfer.pipeline.folder import predicted_clips
 from imgtransfer.training.checkpoint import save_model
 from render import InputError, load_maps
-from tests.helpers.models import model_for
+from tests.helpers.models import local_model_for, model_for
 
 
 def test_prediction_has_maps_of_every_frame(tube_clip: Clip) -> None:
@@ -216,3 +221,51 @@ def test_a_model_that_predicts_no_numbers_is_named(tube_clip: Clip) -> None:
     model.source = "shirt.safetensors"
     with pytest.raises(InputError, match=r"shirt\.safetensors: predicts values that are not finite"):
         model.predict(tube_clip)
+
+
+@pytest.mark.parametrize("make", [model_for, local_model_for])
+def test_the_mirrored_average_is_of_two_predictions(
+    tube_clip: Clip, make: Callable[[Clip], TransferModel]
+) -> None:
+    """Of metres, pixel by pixel; the other one is that of the mirrored body, mirrored back."""
+    model, clip = make(tube_clip), tube_clip.slice(slice(0, 1))
+    imager = model.body_imager(clip)
+    mirror = Mirror(model.imager, model.mask, imager.mask, model.box)
+    earlier = None
+    vertices = torch.from_numpy(root_frames(clip, "root").to_canonical(clip.body.vertices))
+    if imager.view is not None:
+        earlier = imager.view.samples(vertices)[
+            :, None
+        ]  # before the clip the body stood as in its first frame
+    up = torch.from_numpy(vertical(root_frames(clip, "root")))
+    body, garment = imager(vertices, earlier=earlier, up=up), model.seen(imager)
+    with torch.no_grad():
+        other = model(mirror.body(body), garment=mirror.seen(garment)).positions
+    back = torch.tensor([-1.0, 1, 1]) * model.box.decode(other).flip(-2)  # the tube stands about x = 0
+    plain = model.predict(clip).metres()
+    model.mirrored_average = True
+    averaged = model.predict(clip).metres()
+    torch.testing.assert_close(averaged, (plain + back) / 2 * model.mask[..., None], rtol=0, atol=1e-5)
+    assert (averaged - plain).abs().max() > 1e-3
+
+
+def test_the_command_averages_with_the_mirrored_prediction_unless_told_not_to(
+    tube_clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = model_for(tube_clip)
+    clip = tube_clip.slice(slice(1, 3))
+    plain = model.predict(clip).positions
+    model.mirrored_average = True
+    averaged = model.predict(clip).positions
+    save_clip(tmp_path / "bend.npz", clip)
+    save_model(tmp_path / "model.safetensors", model)
+    command = ["predict", str(tmp_path), str(tmp_path / "bend.npz"), "--out", str(tmp_path / "out")]
+    for more, want in ((), averaged), (("--no-mirrored-average",), plain):
+        assert main([*command, *more]) == 0  # another prediction takes the place of the first
+        found = load_maps(tmp_path / "out" / "bend" / "maps.npz").position
+        np.testing.assert_array_equal(found, want.numpy())
+    assert (averaged - plain).abs().max() > 1e-3
+    model.mirrored_average = False
+    save_model(tmp_path / "model.safetensors", model)
+    assert main([*command, "--no-mirrored-average"]) == 2
+    assert "does not average with mirrored predictions" in capsys.readouterr().err

@@ -7,6 +7,7 @@ import os
 import signal
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,17 +17,19 @@ from safetensors.torch import load_file
 from imgtransfer.cli.main import main
 from imgtransfer.config.loader import load_config, parse_config, to_yaml
 from imgtransfer.data.clip import Clip
-from imgtransfer.network import TransferModel
+from imgtransfer.network import NetworkConfig, TransferModel, masked_l1
 from imgtransfer.network.maps import metric_maps
 from imgtransfer.training.checkpoint import load_model, save_model
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import train
+from imgtransfer.training.optimizer import learning_rate
 from imgtransfer.training.order import Order
 from imgtransfer.training.sampler import Frames
-from imgtransfer.training.trainer import Trainer, learning_rate
+from imgtransfer.training.trainer import Trainer
 from render import InputError
+from tests.helpers.models import LOCAL
 from tests.helpers.paths import ROOT
-from tests.helpers.training import small_config
+from tests.helpers.training import SMALL, small_config
 
 CONFIGS = ROOT / "configs"
 
@@ -326,3 +329,60 @@ def test_the_command_trains_resumes_and_says_where(
     assert "position_mm" in lines[2]
     assert main(command) == 2
     assert main([*command, "--resume"]) == 0
+
+
+def mirrored_losses(trainer: Trainer, index: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Both losses of frames that are all mirrored, their garment and silhouette too."""
+    mirror, model = trainer.mirror, trainer.model
+    assert mirror is not None
+    body, truth = trainer.batch(trainer.train_frames, index)
+    truth = mirror.garment(truth)
+    found = model(mirror.body(body), garment=mirror.seen(trainer._garment(trainer.train_frames)))
+    return (
+        masked_l1(found.positions, truth.positions, mirror.mask),
+        masked_l1(found.normals, truth.normals, mirror.mask),
+    )
+
+
+@pytest.mark.parametrize("network", [SMALL["network"], LOCAL], ids=["images", "local"])
+@pytest.mark.parametrize("coins", [[True, True, True], [True, False, True]])
+def test_the_loss_of_a_mixed_batch_is_the_mean_of_its_frames(
+    source: Path, coins: list[bool], network: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = small_config(source, batch_frames=3)
+    config = config.model_copy(update={"network": NetworkConfig.model_validate(network)})
+    trainer = Trainer(config)
+    trainer.train_step()  # residual networks start with 0
+    model, frames = trainer.model, trainer.order.frames(1)
+    losses = []
+    with torch.no_grad():
+        for frame, turned in zip(frames, coins, strict=True):
+            body, truth = trainer.batch(trainer.train_frames, frame[None])
+            found = model(body, garment=trainer._garment(trainer.train_frames))
+            plain = (
+                masked_l1(found.positions, truth.positions, model.mask),
+                masked_l1(found.normals, truth.normals, model.mask),
+            )
+            losses.append(mirrored_losses(trainer, frame[None]) if turned else plain)
+        whole = mirrored_losses(trainer, frames)
+    monkeypatch.setattr(trainer.order, "coins", lambda step: torch.tensor(coins))
+    found = trainer.train_step()
+    for number, key in enumerate(("position_loss", "normal_loss")):
+        assert found[key] == pytest.approx(sum(loss[number].item() for loss in losses) / 3, rel=1e-5)
+        if all(coins):
+            assert found[key] == pytest.approx(whole[number].item(), rel=1e-6)
+
+
+def test_coins_are_fair_one_a_frame_and_the_steps_own() -> None:
+    order = Order(8, 4, seed=3)
+    coins = torch.stack([order.coins(step) for step in range(500)])
+    assert 900 < coins.sum() < 1100  # 1000 ± 22
+    assert (coins.any(1) & ~coins.all(1)).float().mean() > 0.8  # 7 / 8 of the batches are mixed
+    assert torch.equal(Order(8, 4, seed=3).coins(7), coins[7])
+
+
+def test_only_models_that_saw_mirrored_frames_average_with_them(source: Path, tmp_path: Path) -> None:
+    for mirror in (True, False):
+        model = Trainer(small_config(source, mirror=mirror)).model
+        save_model(tmp_path / "model.safetensors", model)
+        assert load_model(tmp_path).mirrored_average == mirror

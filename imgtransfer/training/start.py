@@ -1,0 +1,86 @@
+"""The model that a run begins with: a new one for its garment, or one that is trained already."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from imgtransfer.data.clip import Clip
+from imgtransfer.network import TransferModel
+from imgtransfer.network.shapes import same_faces
+from imgtransfer.training.checkpoint import load_model
+from imgtransfer.training.config import RunConfig
+from imgtransfer.training.sampler import Frames
+from render import InputError, Mesh, Option, PositionBox
+
+_OF_TRAINING_ALONE = frozenset({"dropout"})  # settings of the network that its weights do not hang on
+
+
+def new_model(config: RunConfig, frames: Frames) -> TransferModel:
+    """An untrained model of the garment in `frames`."""
+    first = frames.first
+    return TransferModel(
+        maps=config.maps,
+        network=config.network,
+        template=Mesh(first.template.vertices, first.template.faces, first.name),
+        box=PositionBox.around(frames.garment_bounds()),
+        body=Mesh(first.body.rest, first.body.faces, first.name),
+    )
+
+
+def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferModel:
+    """The model at `path`, to be trained further on `frames`.
+
+    It keeps its template, body and position box, so that images mean to it what they did.
+
+    Raises:
+        InputError: no model, or one of another garment, other maps or another network than the run's.
+    """
+    known = load_model(path)
+    _check_garment(known, frames.first, path)
+    model = TransferModel(
+        maps=config.maps, network=config.network, template=known.imager.mesh, box=known.box, body=known.body
+    )
+    # Of the models, not of the configurations: theirs have the elevations that were chosen for the template.
+    _check_settings("maps", known.maps, model.maps, path)
+    _check_settings("network", known.network, model.network, path)
+    model.load_state_dict(known.state_dict())
+    return model
+
+
+def _check_garment(known: TransferModel, clip: Clip, path: Path) -> None:
+    mesh, template = known.imager.mesh, clip.template
+    if not same_faces(mesh.faces, template.faces):
+        raise InputError(
+            f"{path}: this model's garment ({len(mesh.vertices)} vertices, {len(mesh.faces)} faces) is not that of "
+            f"{clip.name} ({len(template.vertices)}, {len(template.faces)}); leave out {Option('init')} to begin anew"
+        )
+    try:
+        known.check_garment(clip)
+    except InputError as error:
+        raise InputError(f"{path}: no model to begin with for this garment: {error}") from error
+
+
+def _check_settings(section: str, known: BaseModel, wanted: BaseModel, path: Path) -> None:
+    """Raise InputError where two sections differ; it names the first key that does."""
+    trained, run = _flat(known, section), _flat(wanted, section)
+    for key, value in trained.items():
+        if value != run[key]:
+            raise InputError(
+                f"{path}: this model was trained with {key} {value}, and the run has {run[key]}; set it to the "
+                f"model's, or leave out {Option('init')} to begin anew"
+            )
+
+
+def _flat(section: BaseModel, name: str) -> dict[str, Any]:
+    """Values by their whole keys, such as network.encoder.dim."""
+    flat: dict[str, Any] = {}
+    for key in type(section).model_fields:
+        value = getattr(section, key)
+        if isinstance(value, BaseModel):
+            flat |= _flat(value, f"{name}.{key}")
+        elif key not in _OF_TRAINING_ALONE:
+            flat[f"{name}.{key}"] = list(value) if isinstance(value, tuple) else value
+    return flat
