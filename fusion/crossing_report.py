@@ -65,7 +65,7 @@ class CrossingReport:
         numbers = range(-first_frame % EVERY, len(vertices), EVERY)
         frames = torch.tensor(numbers, dtype=torch.int64, device=vertices.device)
         # One frame after the other: moving a tree to the next costs a tenth of building another one.
-        itself = [int(self._itself.query(vertices[frame, None]).counts()) for frame in numbers]
+        itself = [int(self._itself.counts(vertices[frame, None])) for frame in numbers]
         fractions = None
         if contact is not None:
             before, after = (

@@ -177,10 +177,9 @@ class MeshBvh:
         parts = 1
         if count == len(flat) and self.device.type == "cpu":
             parts = max(1, min(n_threads(), count // _WORTH_A_THREAD))
-        ends = np.linspace(0, len(flat), parts + 1).round().astype(int)
         pieces = [
             partial(self._launch, kernel, poses, flat, arguments, results, count, slice(first, last))
-            for first, last in pairwise(ends.tolist())
+            for first, last in pairwise(len(flat) * part // parts for part in range(parts + 1))
         ]
         run_all(pieces)
 
@@ -190,12 +189,11 @@ class MeshBvh:
         Args:
             kernel: its first argument are the meshes' ids, one a pose.
             dim: of the grid; with a 0 in it nothing happens.
-            arguments: numbers, contiguous tensors, and Warp's arrays (`array`, `vectors`).
+            arguments: numbers, contiguous tensors, and what `array` and `vectors` return.
         """
         if 0 in dim:
             return
-        warp = warp_module()
-        converted = [warp.from_torch(each) if isinstance(each, torch.Tensor) else each for each in arguments]
+        converted = [array(each) if isinstance(each, torch.Tensor) else each for each in arguments]
         with _torch_stream(self.device):
             launch(kernel, dim=dim, inputs=[self._ids, *converted], device=self._warp_device)
 
@@ -210,30 +208,28 @@ class MeshBvh:
         part: slice,
     ) -> None:
         """`launch` for some of the points."""
-        warp = warp_module()
+        of_part = [rows[part] for rows in (poses, flat, *results)]
         converted = [
-            warp.from_torch(value) if isinstance(value, torch.Tensor) else value
-            for value in (poses[part], *arguments, *(result[part] for result in results))
+            array(value) if isinstance(value, torch.Tensor) else value for value in (*arguments, *of_part[2:])
         ]
-        points = warp.from_torch(flat[part], dtype=warp.vec3)
         with _torch_stream(self.device):
             launch(
                 kernel,
-                dim=min(count, len(points)),
-                inputs=[self._ids, converted[0], points, *converted[1:]],
+                dim=min(count, len(of_part[1])),
+                inputs=[self._ids, array(of_part[0]), vectors(of_part[1]), *converted],
                 device=self._warp_device,
             )
 
 
 def array(tensor: torch.Tensor) -> Any:
-    """Numbers, contiguous, as Warp's array in the same memory."""
-    return warp_module().from_torch(tensor)
+    """Numbers, contiguous, as what Warp's kernels take, in the same memory, which it does not keep alive."""
+    return warp_module().from_torch(tensor, return_ctype=True)
 
 
 def vectors(tensor: torch.Tensor) -> Any:
-    """(..., 3) float32, contiguous, as Warp's array of vectors in the same memory."""
+    """(..., 3) float32, contiguous, as an array of vectors; else like `array`."""
     warp = warp_module()
-    return warp.from_torch(tensor, dtype=warp.vec3)
+    return warp.from_torch(tensor, dtype=warp.vec3, return_ctype=True)
 
 
 @contextmanager
