@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from fusion.inputs import FusionInputs
-from fusion.obstacles.crossing_fractions import BodyCrossings
 from fusion.obstacles.crossings import EdgeCrossings
+from fusion.obstacles.surface_contact import SurfaceContact
 from render.mesh.mesh import Mesh
 
 EVERY = 4  # frames of a clip; counting in each took a fifth of a fusion's time
@@ -28,42 +27,50 @@ class CrossingFractions:
     itself: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class ClothAndBody:
+    """The garment before and after the clean-up, and the body in the same frames.
+
+    Args:
+        surface: of an obstacle whose first surface is the body.
+        before, after: vertices (T, N, 3) and distances (T, N), metres; no vertex is nearer to the obstacle.
+    """
+
+    surface: SurfaceContact
+    before: tuple[torch.Tensor, torch.Tensor]
+    after: tuple[torch.Tensor, torch.Tensor]
+
+
 class CrossingReport:
     """Counts crossing edges of one batch after the other; one thread at a time.
 
     Args:
-        mesh: the template. inputs: of any frames; whether there is a body, and its faces.
+        mesh: the template.
         device: where vertices are.
     """
 
-    def __init__(self, mesh: Mesh, inputs: FusionInputs, device: torch.device) -> None:
-        count = len(mesh.vertices)
+    def __init__(self, mesh: Mesh, device: torch.device) -> None:
         self._itself = EdgeCrossings(
-            mesh.edges, mesh.faces, count, itself=True, device=device, name="garment"
+            mesh.edges, mesh.faces, len(mesh.vertices), itself=True, device=device, name="garment"
         )
         self._n_edges = len(mesh.edges)
-        self._body: BodyCrossings | None = None
-        if inputs.body is not None:
-            self._body = BodyCrossings(
-                mesh.faces,
-                count,
-                np.asarray(inputs.body.faces),
-                inputs.body.vertices.shape[1],
-                device=device,
-            )
 
-    def fractions(self, before: torch.Tensor, after: torch.Tensor, inputs: FusionInputs) -> CrossingFractions:
-        """Of vertices (T, N, 3) before and after the clean-up, metres, and `inputs` of the same frames.
+    def fractions(
+        self, vertices: torch.Tensor, first_frame: int, contact: ClothAndBody | None = None
+    ) -> CrossingFractions:
+        """Of vertices (T, N, 3), metres, the result of frames from `first_frame` of the clip on.
 
         Looked at are the clip's first frame and every fourth after it, however it is cut into batches.
         """
-        frames = slice(-inputs.first_frame % EVERY, None, EVERY)
-        before, after = before[frames], after[frames]
-        if not len(after):
-            return CrossingFractions(None, np.zeros(0))
-        itself = self._itself.query(after).counts().cpu().numpy() / self._n_edges
-        if self._body is None or inputs.body is None:
-            return CrossingFractions(None, itself)
-        body = inputs.body.vertices[frames]
-        fractions = [self._body.fractions(vertices, body) for vertices in (before, after)]
-        return CrossingFractions((fractions[0], fractions[1]), itself)
+        numbers = range(-first_frame % EVERY, len(vertices), EVERY)
+        frames = torch.tensor(numbers, dtype=torch.int64, device=vertices.device)
+        # One frame after the other: moving a tree to the next costs a tenth of building another one.
+        itself = [int(self._itself.counts(vertices[frame, None])) for frame in numbers]
+        fractions = None
+        if contact is not None:
+            before, after = (
+                contact.surface.body_crossings(*cloth, frames).cpu().numpy() / self._n_edges
+                for cloth in (contact.before, contact.after)
+            )
+            fractions = before, after
+        return CrossingFractions(fractions, np.array(itself, np.float64) / self._n_edges)

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from fusion.config import FusionConfig
-from fusion.crossing_report import CrossingFractions, CrossingReport
+from fusion.crossing_report import ClothAndBody, CrossingFractions, CrossingReport
 from fusion.initialise import InitialWeights, Readings
 from fusion.input_checks import rest_mesh
 from fusion.inputs import FusionInputs
@@ -108,7 +108,7 @@ class FrameSolver:
             self._obstacles.put(make_obstacle(inputs, config, device, self._topology))
         self._crossings: SimpleQueue[CrossingReport] = SimpleQueue()  # as the obstacles
         for _ in range(threads):
-            self._crossings.put(CrossingReport(imager.mesh, inputs, device))
+            self._crossings.put(CrossingReport(imager.mesh, device))
         self._untangler = Untangler(self._topology, self._fixed, device) if config.self_contact else None
         self._solver = self._make_solver(with_normals=inputs.maps.normals is not None)
         self._changes: dict[str, torch.Tensor] = {}  # by stage, (1, N, 3): what it moved in the frame before
@@ -186,30 +186,33 @@ class FrameSolver:
             with watch.stage("normal"):
                 stages["normal"] = self._solver.normal_stage(problem)
             vertices = self._result("normal", vertices, stages["normal"])
-        inside, moved = None, vertices
+        cleared = None
         if obstacle is not None:
             with watch.stage("clearance"):
-                vertices, inside = self._cleared(vertices, obstacle)
+                cleared = self._cleared(vertices, obstacle)
+                vertices = cleared.after[0]
         if self._untangler is not None:
             with watch.stage("self_contact"):
                 vertices = self._untangler.untangled(vertices, obstacle, config.clearance_m)
-                if obstacle is not None and inside is not None:
-                    vertices, (_, after) = self._cleared(vertices, obstacle)
-                    inside = inside[0], after
+                if obstacle is not None and cleared is not None:
+                    cleared = replace(cleared, after=self._cleared(vertices, obstacle).after)
+                    vertices = cleared.after[0]
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
         solved = _array(vertices)
         check_finite(solved, "fuse: the result", first=inputs.first_frame)
         with watch.stage("crossings"):
-            crossing = self._crossing_fractions(moved, vertices, inputs)
+            crossing = self._crossing_fractions(vertices, inputs, cleared)
         findings = None if judged is None else judged.findings
+        inside = None if cleared is None else _inside(cleared)
         return BatchResult(solved, _array(initial), stages, unseen, inside, crossing, findings)
 
     def _crossing_fractions(
-        self, before: torch.Tensor, after: torch.Tensor, inputs: FusionInputs
+        self, vertices: torch.Tensor, inputs: FusionInputs, cleared: ClothAndBody | None
     ) -> CrossingFractions:
         report = self._crossings.get()
         try:
-            return report.fractions(before, after, inputs)
+            body = cleared if inputs.body is not None else None
+            return report.fractions(vertices, inputs.first_frame, body)
         finally:
             self._crossings.put(report)
 
@@ -225,8 +228,8 @@ class FrameSolver:
             if obstacle is None:
                 return _array(vertices), None
             pose(obstacle, inputs)
-            cleared, (_, inside) = self._cleared(vertices, obstacle)
-            return _array(cleared), inside
+            cleared = self._cleared(vertices, obstacle)
+            return _array(cleared.after[0]), _inside(cleared)[1]
         finally:
             self._obstacles.put(obstacle)
 
@@ -304,11 +307,10 @@ class FrameSolver:
             vertices if self._fixed is None else torch.where(self._fixed[:, None], solved.vertices, vertices)
         )
 
-    def _cleared(
-        self, vertices: torch.Tensor, obstacle: CachedObstacle
-    ) -> tuple[torch.Tensor, tuple[np.ndarray, np.ndarray]]:
-        """The vertices after the clean-up, and the fractions inside (T,) before and after."""
-        before = obstacle.query(vertices).distance
+    def _cleared(self, vertices: torch.Tensor, obstacle: CachedObstacle) -> ClothAndBody:
+        """The clean-up."""
+        assert obstacle.surface is not None
+        before = obstacle.tracker.near(vertices, 0.0).distance
         cleared = lift_clear(
             vertices,
             obstacle,
@@ -318,8 +320,15 @@ class FrameSolver:
             fixed=self._fixed,
             surface=obstacle.surface,
         )
-        fractions = [(distance < 0).float().mean(-1).cpu().numpy() for distance in (before, cleared.distance)]
-        return cleared.vertices, (fractions[0], fractions[1])
+        return ClothAndBody(obstacle.surface, (vertices, before), (cleared.vertices, cleared.distance))
+
+
+def _inside(cloth: ClothAndBody) -> tuple[np.ndarray, np.ndarray]:
+    """The fractions (T,) of the vertices below an obstacle's surface, before and after the clean-up."""
+    before, after = (
+        (distance < 0).float().mean(-1).cpu().numpy() for _, distance in (cloth.before, cloth.after)
+    )
+    return before, after
 
 
 def _any_steps(config: FusionConfig, stage: str) -> bool:

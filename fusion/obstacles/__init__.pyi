@@ -1,7 +1,6 @@
 from .clearance import Clearance as Clearance
 from .clearance import clear_body as clear_body
 from .clearance import lift_clear as lift_clear
-from .crossing_fractions import BodyCrossings as BodyCrossings
 from .crossing_fractions import body_crossing_fractions as body_crossing_fractions
 from .crossing_fractions import self_crossing_fractions as self_crossing_fractions
 from .crossings import Crossings as Crossings

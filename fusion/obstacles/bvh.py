@@ -118,8 +118,12 @@ class MeshBvh:
         ids = np.array([mesh.id for mesh in self._meshes[: len(poses)]], np.uint64)
         self._ids = warp.array(ids, dtype=warp.uint64, device=self._warp_device)
 
-    def points(self, points: torch.Tensor) -> torch.Tensor:
-        """Query points (..., 3), or (T, N, 3) with a pose per frame, as (P, 3) float32 on the device.
+    def points(self, points: torch.Tensor, frames: torch.Tensor | None = None) -> torch.Tensor:
+        """Query points as (P, 3) float32 on the device.
+
+        Args:
+            points: (..., 3), or (T, N, 3) with a pose per frame; (P, 3) with `frames`.
+            frames: (P,) integers, whose pose each point is to meet.
 
         Raises:
             InputError: no `update` came before, a wrong shape, or points that are not finite.
@@ -127,7 +131,11 @@ class MeshBvh:
         poses = len(self.vertices)
         if points.ndim < 1 or points.shape[-1] != 3:
             raise InputError(f"points must have shape (..., 3), found {tuple(points.shape)}")
-        if self._batched and (points.ndim != 3 or len(points) != poses):
+        if frames is not None and points.shape != (*frames.shape, 3):
+            raise InputError(
+                f"points must have shape ({len(frames)}, 3), one a frame, found {tuple(points.shape)}"
+            )
+        if frames is None and self._batched and (points.ndim != 3 or len(points) != poses):
             raise InputError(
                 f"points must have shape ({poses}, N, 3), one frame a {self._name}, "
                 f"found {tuple(points.shape)}"
@@ -145,8 +153,9 @@ class MeshBvh:
         results: Sequence[torch.Tensor] = (),
         *,
         count: int,
+        frames: torch.Tensor | None = None,
     ) -> None:
-        """Run `kernel(meshes, points per pose, points, *arguments, *results)` on `count` threads.
+        """Run `kernel(meshes, pose of each point, points, *arguments, *results)` on `count` threads.
 
         Where every point has its thread, they are shared out over the CPU's cores; Warp itself uses one.
 
@@ -156,19 +165,21 @@ class MeshBvh:
             arguments: numbers and contiguous tensors, which are read or filled in place.
             results: (P, ...) contiguous tensors with a row a point, filled in place.
             count: threads; with 0 nothing happens.
+            frames: as `points` got them; None: as many points a pose, one pose after the other.
         """
         if not count:
             return
-        poses, parts = len(self.vertices), 1
+        if frames is None:
+            frames = torch.arange(len(self.vertices), device=self.device).repeat_interleave(
+                len(flat) // len(self.vertices)
+            )
+        poses = frames.to(self.device, torch.int32).contiguous()
+        parts = 1
         if count == len(flat) and self.device.type == "cpu":
             parts = max(1, min(n_threads(), count // _WORTH_A_THREAD))
-        # Cut between poses; a single one anywhere.
-        ends = np.linspace(0, poses if poses > 1 else len(flat), parts + 1).round().astype(int)
-        ends *= len(flat) // poses if poses > 1 else 1
         pieces = [
-            partial(self._launch, kernel, flat, arguments, results, count, slice(first, last))
-            for first, last in pairwise(ends.tolist())
-            if first < last
+            partial(self._launch, kernel, poses, flat, arguments, results, count, slice(first, last))
+            for first, last in pairwise(len(flat) * part // parts for part in range(parts + 1))
         ]
         run_all(pieces)
 
@@ -178,46 +189,47 @@ class MeshBvh:
         Args:
             kernel: its first argument are the meshes' ids, one a pose.
             dim: of the grid; with a 0 in it nothing happens.
-            arguments: numbers, contiguous tensors, and Warp's arrays of vectors (`vectors`).
+            arguments: numbers, contiguous tensors, and what `array` and `vectors` return.
         """
         if 0 in dim:
             return
-        warp = warp_module()
-        converted = [warp.from_torch(each) if isinstance(each, torch.Tensor) else each for each in arguments]
+        converted = [array(each) if isinstance(each, torch.Tensor) else each for each in arguments]
         with _torch_stream(self.device):
             launch(kernel, dim=dim, inputs=[self._ids, *converted], device=self._warp_device)
 
     def _launch(  # noqa: PLR0917
         self,
         kernel: Any,
+        poses: torch.Tensor,
         flat: torch.Tensor,
         arguments: Sequence[Any],
         results: Sequence[torch.Tensor],
         count: int,
         part: slice,
     ) -> None:
-        """`launch` for some of the points, all of one pose or of whole poses."""
-        warp = warp_module()
+        """`launch` for some of the points."""
+        of_part = [rows[part] for rows in (poses, flat, *results)]
         converted = [
-            warp.from_torch(value) if isinstance(value, torch.Tensor) else value
-            for value in (*arguments, *(result[part] for result in results))
+            array(value) if isinstance(value, torch.Tensor) else value for value in (*arguments, *of_part[2:])
         ]
-        per_pose = len(flat) // len(self.vertices)
-        ids = self._ids[part.start // per_pose : -(-part.stop // per_pose)]
-        points = warp.from_torch(flat[part], dtype=warp.vec3)
         with _torch_stream(self.device):
             launch(
                 kernel,
-                dim=min(count, len(points)),
-                inputs=[ids, per_pose, points, *converted],
+                dim=min(count, len(of_part[1])),
+                inputs=[self._ids, array(of_part[0]), vectors(of_part[1]), *converted],
                 device=self._warp_device,
             )
 
 
+def array(tensor: torch.Tensor) -> Any:
+    """Numbers, contiguous, as what Warp's kernels take, in the same memory, which it does not keep alive."""
+    return warp_module().from_torch(tensor, return_ctype=True)
+
+
 def vectors(tensor: torch.Tensor) -> Any:
-    """(..., 3) float32, contiguous, as Warp's array of vectors in the same memory."""
+    """(..., 3) float32, contiguous, as an array of vectors; else like `array`."""
     warp = warp_module()
-    return warp.from_torch(tensor, dtype=warp.vec3)
+    return warp.from_torch(tensor, dtype=warp.vec3, return_ctype=True)
 
 
 @contextmanager

@@ -35,7 +35,7 @@ class Clearance:
         rounds_between: in which the cloth between vertices was, afterwards.
         relocated: (T, N) bool, vertices that no round got out and a search in all directions did.
         remaining: (T, N) bool, vertices still nearer than the clearance: pinned, or shut in on all sides.
-        distance: (T, N) metres, signed distances at the end.
+        distance: (T, N) metres, signed distances at the end; of vertices that have clearance to spare, at least.
     """
 
     vertices: torch.Tensor
@@ -103,7 +103,7 @@ def lift_clear(
     loose = torch.ones(vertices.shape[1], dtype=torch.bool, device=vertices.device)
     if fixed is not None:
         loose = ~fixed.to(vertices.device)
-    cache = SdfCache(vertices, sdf)
+    cache = SdfCache(vertices, sdf, clearance_m + _TOUCHING)
     number = _lift_vertices(cache, topology, clearance_m=clearance_m, rounds=rounds, loose=loose)
     relocated = torch.zeros_like(cache.distance, dtype=torch.bool)
     between = 0
@@ -195,8 +195,7 @@ def move_to_clear_places(cache: SdfCache, inside: torch.Tensor, clearance_m: flo
         places = padded_places(inside)
         spots = places[..., None].expand(-1, -1, 3)
         tried = cache.vertices.gather(1, spots)[:, :, None] + distance * directions
-        clear = cache.sdf.query(tried.flatten(1, 2)).distance.reshape(tried.shape[:-1]) >= clearance_m
-        cache.asked += clear.numel()
+        clear = cache.ask(tried.flatten(1, 2)).reshape(tried.shape[:-1]) >= clearance_m
         out = clear.any(-1) & inside.gather(1, places)
         best = clear.to(torch.uint8).argmax(-1)[..., None, None].expand(-1, -1, 1, 3)
         target = torch.where(out[..., None], tried.gather(2, best)[:, :, 0], cache.vertices.gather(1, spots))

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from fusion.obstacles.crossings import EdgeCrossings, edges_through_faces, edges_through_own_faces
+from fusion.obstacles.crossings import edges_through_faces, edges_through_own_faces
 from render.mesh.mesh import edges_of
 
 
@@ -43,33 +42,3 @@ def self_crossing_fractions(vertices: np.ndarray, faces: np.ndarray) -> NDArray[
     """
     edges = edges_of(faces)
     return edges_through_own_faces(vertices, edges, faces).counts().numpy() / len(edges)
-
-
-class BodyCrossings:
-    """`body_crossing_fractions` for one batch of frames after the other, with search structures that are kept.
-
-    Args:
-        faces, body_faces: (F, 3) and (G, 3) integers.
-        n_vertices, n_body_vertices: of garment and body.
-        device: where the vertices are.
-    """
-
-    def __init__(
-        self,
-        faces: np.ndarray,
-        n_vertices: int,
-        body_faces: np.ndarray,
-        n_body_vertices: int,
-        *,
-        device: str | torch.device = "cpu",
-    ) -> None:
-        edges = edges_of(faces)
-        self._n_edges = len(edges)
-        self._of_garment = EdgeCrossings(edges, body_faces, n_body_vertices, device=device)
-        self._of_body = EdgeCrossings(edges_of(body_faces), faces, n_vertices, device=device, name="garment")
-
-    def fractions(self, vertices: torch.Tensor, body_vertices: torch.Tensor) -> NDArray[np.float64]:
-        """(T,) float64 for a garment (T, N, 3) and a body (T, B, 3), metres."""
-        of_garment = self._of_garment.query(vertices, body_vertices).counts()
-        of_body = self._of_body.query(body_vertices, vertices).counts()
-        return (of_garment + of_body).cpu().numpy() / self._n_edges

@@ -72,7 +72,7 @@ def belongs(mesh: wp.uint64, face: int, vertex: int):
 @wp.kernel
 def passed_faces(
     meshes: wp.array(dtype=wp.uint64),
-    per_pose: int,
+    poses: wp.array(dtype=int),
     starts: wp.array(dtype=wp.vec3),
     faces: wp.array(dtype=int),
     ends: wp.array2d(dtype=float),
@@ -88,7 +88,7 @@ def passed_faces(
     row = wp.tid()
     if counts[row] == 0:
         return
-    mesh = meshes[row / per_pose]
+    mesh = meshes[poses[row]]
     start = starts[row]
     end = wp.vec3(ends[row, 0], ends[row, 1], ends[row, 2])
     a = wp.vec3d(start)

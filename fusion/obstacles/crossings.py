@@ -104,7 +104,28 @@ class EdgeCrossings:
         with one_torch_thread():  # small steps; the kernels take the other threads
             return self._query(vertices, vertices if surface is None else surface)
 
+    def counts(self, vertices: torch.Tensor) -> torch.Tensor:
+        """(T,) int64, how many edges of vertices (T, N, 3) pass through faces of the same mesh, as `Crossings.counts`.
+
+        Raises:
+            InputError: another shape, or vertices that are not finite.
+        """
+        with one_torch_thread():
+            starts, ends, _ = self._ends(vertices, vertices)
+            return (self._passed(starts, ends)[0] > 0).view(starts.shape[:2]).sum(1)
+
     def _query(self, vertices: np.ndarray | torch.Tensor, surface: np.ndarray | torch.Tensor) -> Crossings:
+        starts, ends, posed = self._ends(vertices, surface)
+        row, face = self._pairs(starts, ends.reshape(-1, 3))
+        frame, edge = row // max(1, len(self._edges)), row % max(1, len(self._edges))
+        corners = posed[frame[:, None], self._faces[face]].double()
+        along, weights, outwards = _places(starts[frame, edge].double(), ends[frame, edge].double(), corners)
+        return Crossings(frame, edge, face, along, weights, outwards, len(posed), len(self._edges))
+
+    def _ends(
+        self, vertices: np.ndarray | torch.Tensor, surface: np.ndarray | torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """(T, E, 3) first and second ends of the edges, and (T, M, 3) the surface, once it has been moved there."""
         points = torch.as_tensor(vertices).detach()
         if points.ndim != 3 or points.shape[-1] != 3:
             raise InputError(f"vertices must have shape (frames, N, 3), found {tuple(points.shape)}")
@@ -112,30 +133,32 @@ class EdgeCrossings:
         if len(points) != len(posed):
             raise InputError(f"{len(points)} frames of edges, {len(posed)} of faces")
         points = points.to(posed.device, torch.float32)
-        starts, ends = points[:, self._edges[:, 0]], points[:, self._edges[:, 1]]
-        row, face = self._pairs(starts, ends.reshape(-1, 3).contiguous())
-        frame, edge = row // max(1, len(self._edges)), row % max(1, len(self._edges))
-        corners = posed[frame[:, None], self._faces[face]].double()
-        along, weights, outwards = _places(starts[frame, edge].double(), ends[frame, edge].double(), corners)
-        return Crossings(frame, edge, face, along, weights, outwards, len(posed), len(self._edges))
+        return points[:, self._edges[:, 0]], points[:, self._edges[:, 1]].contiguous(), posed
+
+    def _passed(self, starts: torch.Tensor, ends: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """(T E,) int32, how many faces each edge passes through, and its first end, as `MeshBvh.points` has them."""
+        from fusion.obstacles.crossing_kernels import passed_faces  # noqa: PLC0415 (heavy)
+
+        flat = self._bvh.points(starts)
+        counts = torch.full((len(flat),), -1, dtype=torch.int32, device=starts.device)
+        nowhere = torch.zeros(1, dtype=torch.int32, device=starts.device)
+        results = [ends.reshape(-1, 3), self._own.repeat(len(starts), 1), counts.clone(), counts]
+        self._bvh.launch(passed_faces, flat, [nowhere], results, count=len(flat))
+        return counts, flat
 
     def _pairs(self, starts: torch.Tensor, ends: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(C,) rows of edges, frame by frame, and the faces that they pass through; both sorted."""
         from fusion.obstacles.crossing_kernels import passed_faces  # noqa: PLC0415 (heavy)
 
         device = starts.device
-        counts = torch.full((len(ends),), -1, dtype=torch.int32, device=device)
-        places = counts.clone()
-        own = self._own.repeat(len(starts), 1)
-        flat = self._bvh.points(starts)
-        nowhere = torch.zeros(1, dtype=torch.int32, device=device)
-        self._bvh.launch(passed_faces, flat, [nowhere], [ends, own, places, counts], count=len(flat))
+        counts, flat = self._passed(starts, ends)
         total = int(counts.sum())
         row = torch.repeat_interleave(torch.arange(len(counts), device=device), counts.long())
         faces = torch.zeros(total, dtype=torch.int32, device=device)
         if total:
             places = torch.where(counts > 0, counts.cumsum(0) - counts, -1).to(torch.int32)
-            self._bvh.launch(passed_faces, flat, [faces], [ends, own, places, counts], count=len(flat))
+            results = [ends, self._own.repeat(len(starts), 1), places, counts]
+            self._bvh.launch(passed_faces, flat, [faces], results, count=len(flat))
         # The tree's order depends on the poses that it was built and refitted for.
         order = torch.argsort(row * len(self._faces) + faces)
         return row, faces.long()[order]

@@ -68,6 +68,11 @@ class OuterSurface:
         """The surface's mesh, not raised."""
         return (self._mesh,)
 
+    @property
+    def lipschitz(self) -> bool:
+        """It is not: around its rim one gets below it without passing it."""
+        return False
+
     def update(self, vertices: np.ndarray | torch.Tensor) -> None:
         """Move the surface to (M, 3), or (T, M, 3) for one pose a frame, metres.
 
@@ -76,20 +81,29 @@ class OuterSurface:
         """
         self._mesh.update(vertices)
 
-    def query(self, points: torch.Tensor) -> SdfQuery:
+    def query(
+        self,
+        points: torch.Tensor,
+        frames: torch.Tensor | None = None,
+        *,
+        outside: torch.Tensor | None = None,
+    ) -> SdfQuery:
         """Distance, direction and closest point of the surface as it is, not raised; without autograd.
 
         Args:
             points: (..., N, 3), metres; with a pose per frame (T, N, 3), each frame against its own.
+            frames: (K,) integers, with points (K, 3): against which frame's surface each is asked.
+            outside: as for any obstacle; nothing is saved here.
 
         Raises:
             InputError: no `update` came before, a wrong shape, or points that are not finite.
         """
         from fusion.obstacles import sdf_kernels as kernels  # noqa: PLC0415 (defining kernels imports warp)
 
-        flat = self._mesh.points(points)
+        flat = self._mesh.points(points, frames)
         packed = torch.empty((len(flat), 7), dtype=torch.float32, device=self._mesh.device)
-        self._mesh.launch(kernels.surface, flat, [*self._widths, self._rims], [packed], count=len(flat))
+        arguments = [*self._widths, self._rims]
+        self._mesh.launch(kernels.surface, flat, arguments, [packed], count=len(flat), frames=frames)
         return unpacked(packed, points)
 
     def distance(self, points: torch.Tensor) -> torch.Tensor:
@@ -117,6 +131,11 @@ class Obstacles:
         """The meshes of all parts."""
         return tuple(mesh for part in self._parts for mesh in part.surfaces)
 
+    @property
+    def lipschitz(self) -> bool:
+        """Whether all parts are."""
+        return all(part.lipschitz for part in self._parts)
+
     def update(self, *vertices: np.ndarray | torch.Tensor) -> None:
         """Move every part, in the order of `parts`; each as its own `update` takes it.
 
@@ -130,9 +149,15 @@ class Obstacles:
         for part, moved in zip(self._parts, vertices, strict=True):
             part.update(moved)
 
-    def query(self, points: torch.Tensor) -> SdfQuery:
+    def query(
+        self,
+        points: torch.Tensor,
+        frames: torch.Tensor | None = None,
+        *,
+        outside: torch.Tensor | None = None,
+    ) -> SdfQuery:
         """Distance, direction and closest point of the nearest part; see `BodySdf.query`."""
-        nearest, *others = (part.query(points) for part in self._parts)
+        nearest, *others = (part.query(points, frames, outside=outside) for part in self._parts)
         for other in others:
             nearer = other.distance < nearest.distance
             nearest = SdfQuery(

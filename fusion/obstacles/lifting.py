@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from fusion.obstacles.cached import tracker_of
 from fusion.obstacles.sdf import Obstacle
 from fusion.topology import Topology
 from render.mesh.normals import safe_normalize
@@ -21,31 +22,36 @@ _SMOOTHINGS = 20
 
 
 class SdfCache:
-    """Vertices with their distance and direction; only those that moved are asked about again.
+    """Vertices with their distance and direction, as far as they can be near.
 
     Args:
         vertices: (T, N, 3), metres.
         sdf: one posed obstacle a frame.
+        within_m: metres up to which distances are exact; farther ones are at least as large as said.
     """
 
-    def __init__(self, vertices: torch.Tensor, sdf: Obstacle) -> None:
-        self.sdf, self.vertices = sdf, vertices
-        query = sdf.query(vertices)
-        self.distance, self.direction = query.distance.to(vertices), query.direction.to(vertices)
+    def __init__(self, vertices: torch.Tensor, sdf: Obstacle, within_m: float) -> None:
+        self._tracker, self._within = tracker_of(sdf), within_m
+        self._asked_before = self._tracker.asked
+        self.sdf = self._tracker.obstacle
         #: (T, N, 3) along which the last round lifted each vertex; 0 where it did not.
         self.lifted_along = torch.zeros_like(vertices)
-        self.asked = self.distance.numel()
+        self.move(vertices)
+
+    @property
+    def asked(self) -> int:
+        """How many points the obstacle has been asked about."""
+        return self._tracker.asked - self._asked_before
 
     def move(self, vertices: torch.Tensor) -> None:
         """Take other vertices (T, N, 3)."""
-        moved = (vertices != self.vertices).any(-1)
-        places = padded_places(moved)
-        spots = places[..., None].expand(-1, -1, 3)
-        query = self.sdf.query(vertices.gather(1, spots))
-        self.vertices = vertices
-        self.distance = self.distance.scatter(1, places, query.distance.to(vertices))
-        self.direction = self.direction.scatter(1, spots, query.direction.to(vertices))
-        self.asked += places.numel()
+        found = self._tracker.near(vertices, self._within)
+        self.vertices, self.distance, self.direction = vertices, found.distance, found.direction
+
+    def ask(self, points: torch.Tensor) -> torch.Tensor:
+        """(T, K) the distances of other points (T, K, 3), metres."""
+        self._tracker.asked += points.shape[:-1].numel()
+        return self.sdf.query(points).distance
 
 
 def lifted(

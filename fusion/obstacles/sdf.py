@@ -42,8 +42,25 @@ class Obstacle(Protocol):
         """The meshes that bound it; they take their poses with it."""
         ...
 
-    def query(self, points: torch.Tensor) -> SdfQuery:
-        """Distance, direction and closest point of points (T, N, 3), without autograd."""
+    @property
+    def lipschitz(self) -> bool:
+        """Whether no point's distance, where it is positive, changes by more than the point moves."""
+        ...
+
+    def query(
+        self,
+        points: torch.Tensor,
+        frames: torch.Tensor | None = None,
+        *,
+        outside: torch.Tensor | None = None,
+    ) -> SdfQuery:
+        """Distance, direction and closest point, without autograd.
+
+        Args:
+            points: (T, N, 3) metres.
+            frames: (K,) integers, with points (K, 3): against the obstacle in which frame each is asked.
+            outside: bool, one a point: those that are known to be outside, which saves finding out.
+        """
         ...
 
     def distance(self, points: torch.Tensor) -> torch.Tensor:
@@ -117,6 +134,11 @@ class BodySdf:
         """The body's mesh."""
         return (self._body,)
 
+    @property
+    def lipschitz(self) -> bool:
+        """Of a closed mesh: through the holes of others one gets in without passing the surface."""
+        return self.sign == "checked"
+
     def update(self, body_vertices: np.ndarray | torch.Tensor) -> None:
         """Move the body.
 
@@ -138,29 +160,48 @@ class BodySdf:
                 )
         self._pose = frames
 
-    def query(self, points: torch.Tensor) -> SdfQuery:
+    def query(
+        self,
+        points: torch.Tensor,
+        frames: torch.Tensor | None = None,
+        *,
+        outside: torch.Tensor | None = None,
+    ) -> SdfQuery:
         """Distance, direction and closest point, without autograd.
 
         Args:
             points: (..., N, 3), metres; with a body per frame (T, N, 3), each frame against its own body.
+            frames: (K,) integers, with points (K, 3): against which frame's body each is asked.
+            outside: bool, one a point: those that are known to be outside. For the sign "checked" that saves the rays.
 
         Raises:
             InputError: no `update` came before, a wrong shape, or points that are not finite.
         """
         from fusion.obstacles import sdf_kernels as kernels  # noqa: PLC0415 (defining kernels imports warp)
 
-        flat = self._body.points(points)
+        flat = self._body.points(points, frames)
         packed = torch.empty((len(flat), 7), dtype=torch.float32, device=self.device)
         if self.sign != "checked":
             kernel = kernels.winding if self.sign == "winding" else kernels.normal
-            self._body.launch(kernel, flat, [self._band], [packed], count=len(flat))
+            self._body.launch(kernel, flat, [self._band], [packed], count=len(flat), frames=frames)
             return unpacked(packed, points)
         doubt = torch.empty(len(flat), dtype=torch.int32, device=self.device)
-        self._body.launch(kernels.checked, flat, [self._band], [packed, doubt], count=len(flat))
-        doubtful = doubt.nonzero()[:, 0].int()
-        if len(doubtful):
+        known = (
+            torch.zeros_like(doubt, dtype=torch.int8)
+            if outside is None
+            else outside.reshape(-1).to(torch.int8)
+        )
+        self._body.launch(
+            kernels.checked, flat, [self._band], [known, packed, doubt], count=len(flat), frames=frames
+        )
+        # Most doubts are settled by more rays, and only what is left asks for the costly winding numbers.
+        for kernel in (kernels.confirmed, kernels.settled):
+            doubtful = doubt.nonzero()[:, 0].int()
+            if not len(doubtful):
+                break
+            mesh = self._body if kernel is kernels.confirmed else self._with_winding()
             arguments = [self._band, doubtful, doubt, packed]
-            self._with_winding().launch(kernels.settled, flat, arguments, count=len(doubtful))
+            mesh.launch(kernel, flat, arguments, count=len(doubtful), frames=frames)
         return unpacked(packed, points)
 
     def distance(self, points: torch.Tensor) -> torch.Tensor:

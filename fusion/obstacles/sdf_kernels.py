@@ -1,9 +1,9 @@
 """Warp kernels of `sdf` and `layers`; apart from them, because defining them imports Warp."""
 
 # mypy: ignore-errors
-# ruff: noqa: UP018, SIM102, PLR0917
-# Kernels are written in Warp's own language: its annotations are no Python types; bool(False) makes a variable where
-# False were a constant; both sides of an `and` are computed; arguments go by position.
+# ruff: noqa: UP018, RUF046, SIM102, PLR0917
+# Kernels are written in Warp's own language: its annotations are no Python types; bool(False) and int(0) make variables
+# where False and 0 were constants; both sides of an `and` are computed; arguments go by position.
 
 import warp as wp
 
@@ -76,9 +76,10 @@ def store_query(
 @wp.kernel
 def checked(
     meshes: wp.array(dtype=wp.uint64),
-    per_body: int,
+    poses: wp.array(dtype=int),
     points: wp.array(dtype=wp.vec3),
     band: float,
+    outside: wp.array(dtype=wp.int8),
     packed: wp.array2d(dtype=float),
     doubt: wp.array(dtype=int),
 ):
@@ -87,14 +88,15 @@ def checked(
     The side is that of the closest face, which is certain if the winding number, counted along a ray, is 0 in front
     of it or 1 behind it: the closest point is then on the outer surface of the whole. It is not where parts overlap,
     or at a sharp edge, where one of the two faces may tell the wrong side. `doubt` is 0 where it is certain, and
-    otherwise the winding number, or -1 for 0.
+    otherwise the winding number, or -1 for 0. Nothing is counted for points that are known to be outside (1).
     """
     i = wp.tid()
-    mesh = meshes[i // per_body]
+    mesh = meshes[poses[i]]
     point = points[i]
     doubt[i] = 0
     query = wp.mesh_query_point_no_sign(mesh, point, band)
-    if not query.result:
+    known = outside[i] != wp.int8(0)
+    if not query.result and not known:
         # Beyond the band outside or deep inside? Any direction will do.
         if crossings(mesh, point, wp.normalize(wp.vec3(0.31, 0.17, 0.94))) != 0:
             query = wp.mesh_query_point_no_sign(mesh, point, FARTHEST)
@@ -107,7 +109,9 @@ def checked(
         start = point
         if wp.length(offset) <= TOUCHING:
             start = closest + outward * OUTSIDE
-        around = crossings(mesh, start, outward)
+        around = int(0)
+        if not known:
+            around = crossings(mesh, start, outward)
         if around != wp.where(side < 0.0, 1, 0):
             doubt[i] = wp.where(around == 0, -1, around)
         store_signed(mesh, query.face, closest, point, side, band, i, packed)
@@ -115,42 +119,79 @@ def checked(
         store(i, band, wp.vec3(0.0, 0.0, 0.0), point, packed)
 
 
+@wp.func
+def settle(
+    mesh: wp.uint64, point: wp.vec3, counted: int, band: float, i: int, packed: wp.array2d(dtype=float)
+):
+    """Write the answer for a point of a known winding number: outside at 0 and below; inside, the exit to the outer
+    surface where the nearest surface is not that."""
+    query = wp.mesh_query_point_sign_normal(mesh, point, FARTHEST)
+    if query.result:
+        closest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+        side = wp.where(counted > 0, -1.0, 1.0)
+        store_signed(mesh, query.face, closest, point, side, band, i, packed)
+        if counted > 0 and (query.sign > 0.0 or counted > 1):  # not just behind a sharp edge
+            best = nearest_exit(mesh, point, counted)
+            if best[3] < FARTHEST:
+                outward = wp.vec3(best[0], best[1], best[2])
+                store(i, -best[3], outward, point + outward * best[3], packed)
+    else:
+        store(i, band, wp.vec3(0.0, 0.0, 0.0), point, packed)
+
+
 @wp.kernel
-def settled(
+def confirmed(
     meshes: wp.array(dtype=wp.uint64),
-    per_body: int,
+    poses: wp.array(dtype=int),
     points: wp.array(dtype=wp.vec3),
     band: float,
     doubtful: wp.array(dtype=int),
     doubt: wp.array(dtype=int),
     packed: wp.array2d(dtype=float),
 ):
-    """For points in doubt: the sign from the winding number; inside, the exit to the outer surface."""
+    """For points in doubt: where rays in two other directions count what the first one did, that is the winding number,
+    and there is no doubt left (0)."""
     i = doubtful[wp.tid()]
-    mesh = meshes[i // per_body]
+    mesh = meshes[poses[i]]
     point = points[i]
-    query = wp.mesh_query_point_sign_winding_number(mesh, point, FARTHEST)
-    store_query(query, mesh, point, band, i, packed)
-    if query.result and query.sign < 0.0:
-        front = wp.mesh_query_point_sign_normal(mesh, point, FARTHEST)
-        if front.sign > 0.0 or doubt[i] > 1:  # not just behind a sharp edge
-            best = nearest_exit(mesh, point, wp.max(doubt[i], 1))
-            if best[3] < FARTHEST:
-                outward = wp.vec3(best[0], best[1], best[2])
-                store(i, -best[3], outward, point + outward * best[3], packed)
+    counted = wp.max(doubt[i], 0)
+    second = crossings(mesh, point, wp.normalize(wp.vec3(0.31, 0.17, 0.94)))
+    third = crossings(mesh, point, wp.normalize(wp.vec3(-0.53, 0.81, -0.26)))
+    touching = wp.mesh_query_point_no_sign(mesh, point, TOUCHING)
+    if wp.max(second, 0) == counted and wp.max(third, 0) == counted and not touching.result:
+        settle(mesh, point, counted, band, i, packed)
+        doubt[i] = 0
+
+
+@wp.kernel
+def settled(
+    meshes: wp.array(dtype=wp.uint64),
+    poses: wp.array(dtype=int),
+    points: wp.array(dtype=wp.vec3),
+    band: float,
+    doubtful: wp.array(dtype=int),
+    doubt: wp.array(dtype=int),
+    packed: wp.array2d(dtype=float),
+):
+    """For points that are still in doubt: the sign from the generalised winding number."""
+    i = doubtful[wp.tid()]
+    mesh = meshes[poses[i]]
+    query = wp.mesh_query_point_sign_winding_number(mesh, points[i], FARTHEST)
+    inside = query.result and query.sign < 0.0
+    settle(mesh, points[i], wp.where(inside, wp.max(doubt[i], 1), 0), band, i, packed)
 
 
 @wp.kernel
 def winding(
     meshes: wp.array(dtype=wp.uint64),
-    per_body: int,
+    poses: wp.array(dtype=int),
     points: wp.array(dtype=wp.vec3),
     band: float,
     packed: wp.array2d(dtype=float),
 ):
     """Distance, direction and closest point (7 columns), the sign from the generalised winding number."""
     i = wp.tid()
-    mesh = meshes[i // per_body]
+    mesh = meshes[poses[i]]
     query = wp.mesh_query_point_sign_winding_number(mesh, points[i], FARTHEST)
     store_query(query, mesh, points[i], band, i, packed)
 
@@ -158,14 +199,14 @@ def winding(
 @wp.kernel
 def normal(
     meshes: wp.array(dtype=wp.uint64),
-    per_body: int,
+    poses: wp.array(dtype=int),
     points: wp.array(dtype=wp.vec3),
     band: float,
     packed: wp.array2d(dtype=float),
 ):
     """As `winding`, the sign from the angle-weighted pseudo-normal at the closest point."""
     i = wp.tid()
-    mesh = meshes[i // per_body]
+    mesh = meshes[poses[i]]
     query = wp.mesh_query_point_sign_normal(mesh, points[i], FARTHEST)
     store_query(query, mesh, points[i], band, i, packed)
 
@@ -173,7 +214,7 @@ def normal(
 @wp.kernel
 def surface(
     meshes: wp.array(dtype=wp.uint64),
-    per_body: int,
+    poses: wp.array(dtype=int),
     points: wp.array(dtype=wp.vec3),
     band: float,
     depth: float,
@@ -186,7 +227,7 @@ def surface(
     `rims` (G, 3): 1 where the corner lies on the rim, + 2 where the edge opposite it does.
     """
     i = wp.tid()
-    mesh = meshes[i // per_body]
+    mesh = meshes[poses[i]]
     point = points[i]
     query = wp.mesh_query_point_sign_normal(mesh, point, wp.max(band + offset, depth))
     distance = band

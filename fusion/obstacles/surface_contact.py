@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from fusion.obstacles.bvh import MeshBvh, vectors
+from fusion.obstacles.bvh import MeshBvh, array, vectors
 from fusion.obstacles.sdf import Obstacle
 from fusion.topology import Topology
 from render.mesh.normals import VertexNormals, safe_normalize
@@ -111,17 +111,39 @@ class SurfaceContact:
             distance[active].to(torch.float32).contiguous(),
             looked_at[active],
         )
-        parts, posed = [], False
+        parts = []
         for surface in self._surfaces:
             of_cloth, of_surface = self._crossed(surface, cloth)
-            parts.append(self._of_edges(cloth, of_cloth, len(vertices)))
+            parts.append(self._of_edges(cloth, of_cloth))
             if len(of_surface.edge):
-                if not posed:
-                    self._mesh.update(cloth.points)
-                    posed = True
                 parts.append(self._of_surface(surface, cloth, of_surface))
         row, *others = (torch.cat(values) for values in zip(*parts, strict=True))
         return SurfaceContacts(active[row], *others) if len(row) else None
+
+    def body_crossings(
+        self, vertices: torch.Tensor, distance: torch.Tensor, frames: torch.Tensor
+    ) -> torch.Tensor:
+        """How many edges of the garment and of the obstacle's first surface pass through a face of the other.
+
+        Args:
+            vertices: (T, N, 3) metres.
+            distance: (T, N) metres; no vertex is nearer to the obstacle.
+            frames: (A,) int64, which of them are counted.
+
+        Returns:
+            (A,) int64.
+        """
+        cloth = _Cloth(
+            frames,
+            vertices[frames].detach().to(torch.float32).contiguous(),
+            distance[frames].to(torch.float32).contiguous(),
+            torch.ones_like(distance[frames], dtype=torch.bool),
+        )
+        counts = [
+            torch.bincount(each.row, minlength=len(frames))
+            for each in self._crossed(self._surfaces[0], cloth)
+        ]
+        return counts[0] + counts[1]
 
     def _crossed(self, surface: _Surface, cloth: _Cloth) -> list[_Crossed]:
         """The cloth's edges that pass through the surface, and the surface's that pass through the cloth."""
@@ -147,52 +169,51 @@ class SurfaceContact:
         )
         return [_Crossed.of(each) for each in places]
 
-    def _of_edges(self, cloth: _Cloth, crossed: _Crossed, n_frames: int) -> tuple[torch.Tensor, ...]:
+    def _of_edges(self, cloth: _Cloth, crossed: _Crossed) -> tuple[torch.Tensor, ...]:
         """Contacts of the cloth's edges: halfway between the crossings, they must leave the obstacle."""
         ends = self._sides.edges[crossed.edge]
-        nearer = torch.take_along_dim(cloth.distance[crossed.row], ends, 1).argmin(1)
+        nearer = cloth.distance[crossed.row[:, None], ends].argmin(1)
         once = ~crossed.twice  # from there to an end, it is inside or below
         first = torch.where(once & (nearer == 0), 0, crossed.first)
         last = torch.where(once & (nearer == 1), 1, crossed.last)
         middle = 0.5 * (first + last)
         weights = torch.stack([1 - middle, middle, torch.zeros_like(middle)], -1)
         corners = torch.cat([ends, ends[:, :1]], -1)
-        distance, direction = self._asked(
-            cloth.frames[crossed.row], cloth.mean(crossed.row, corners, weights), n_frames
-        )
-        inside = distance < _CLEAR
+        query = self._obstacle.query(cloth.mean(crossed.row, corners, weights), cloth.frames[crossed.row])
+        inside = query.distance < _CLEAR
         return tuple(
-            values[inside] for values in (crossed.row, corners, weights, direction, _CLEAR - distance)
+            values[inside]
+            for values in (crossed.row, corners, weights, query.direction, _CLEAR - query.distance)
         )
-
-    def _asked(
-        self, frame: torch.Tensor, points: torch.Tensor, n_frames: int
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Distances (K,) and directions (K, 3) of points (K, 3), by ascending frames (K,)."""
-        if not len(frame):
-            return points.new_zeros(0), points
-        counts = torch.bincount(frame, minlength=n_frames)
-        place = torch.arange(len(frame), device=frame.device) - (counts.cumsum(0) - counts)[frame]
-        padded = points[:1].repeat(n_frames, int(counts.max()), 1)
-        padded[frame, place] = points
-        query = self._obstacle.query(padded)
-        return query.distance[frame, place], query.direction[frame, place]
 
     def _of_surface(self, surface: _Surface, cloth: _Cloth, crossed: _Crossed) -> tuple[torch.Tensor, ...]:
         """Contacts of points of the surface that have come through the cloth, which are beyond its nearest point as
         seen along their normals: ends of edges that pass through it, and middles between places where they do."""
-        from fusion.obstacles.surface_kernels import nearest  # noqa: PLC0415 (defining kernels imports warp)
-
         row, at, outwards = surface.samples(cloth.frames, crossed)
-        face = torch.empty(len(at), dtype=torch.int32, device=at.device)
-        weights = torch.zeros_like(at)
-        self._mesh.launch_grid(nearest, (len(at),), [row.int(), vectors(at), _NEAR, face, vectors(weights)])
+        face, weights = self._nearest(cloth, row, at)
         corners = self._sides.faces[face.long()].long()
         away = at - cloth.mean(row, corners, weights)
         length = torch.linalg.vector_norm(away, dim=-1)
         direction = torch.where((length > _ROUNDING)[:, None], safe_normalize(away), outwards)
         through = (face >= 0) & ((direction * outwards).sum(-1) > _ALONG)
         return tuple(values[through] for values in (row, corners, weights, direction, length + _CLEAR))
+
+    def _nearest(
+        self, cloth: _Cloth, row: torch.Tensor, points: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Of points (K, 3) in rows (K,), the nearest faces of the cloth (K,), -1 where none is near, and the
+        coordinates in them (K, 3)."""
+        from fusion.obstacles.surface_kernels import nearest  # noqa: PLC0415 (defining kernels imports warp)
+
+        faces = torch.empty(len(points), dtype=torch.int32, device=points.device)
+        weights = torch.zeros_like(points)
+        arrays = vectors(points), _NEAR, array(faces), vectors(weights)
+        # One frame after the other: moving a tree to the next takes a tenth of the time to build another one.
+        for frame in row.unique().tolist():
+            chosen = (row == frame).nonzero()[:, 0].int()
+            self._mesh.update(cloth.points[frame])
+            self._mesh.launch_grid(nearest, (len(chosen),), [chosen, *arrays])
+        return faces, weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +256,9 @@ class _Sides:
 
     def __init__(self, mesh: MeshBvh) -> None:
         halves = mesh.faces[:, [[0, 1], [1, 2], [2, 0]]]  # (G, 3, 2)
-        edges, place = np.unique(np.sort(halves, axis=2).reshape(-1, 2), axis=0, return_inverse=True)
+        low, high = halves.min(2), halves.max(2)
+        keys, place = np.unique(low * mesh.n_vertices + high, return_inverse=True)
+        edges = np.stack([keys // mesh.n_vertices, keys % mesh.n_vertices], 1)
         turned = halves[..., 0] > halves[..., 1]
         of_face = (2 * place.reshape(turned.shape) + turned).astype(np.int32)
         self.edges = torch.from_numpy(edges).to(mesh.device)
@@ -259,9 +282,8 @@ class _Surface:
         if self._normals is None or self._normals[0] is not posed:
             self._normals = posed, self._vertex_normals(posed)
         ends = self.sides.edges[crossed.edge]
-        row, vertex = torch.unique(
-            torch.stack([crossed.row[:, None].expand_as(ends).flatten(), ends.flatten()]), dim=1
-        )
+        place = torch.unique(crossed.row[:, None] * self.mesh.n_vertices + ends)
+        row, vertex = place // self.mesh.n_vertices, place % self.mesh.n_vertices
         twice = crossed.twice
         middle = 0.5 * (crossed.first + crossed.last)[twice, None]
         there, (first, last) = frames[crossed.row[twice]], ends[twice].T

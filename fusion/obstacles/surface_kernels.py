@@ -13,6 +13,8 @@ wp.set_module_options({"enable_backward": False})
 
 # No point of a triangle is farther from its nearest corner than its longest side over the root of 3.
 FARTHEST_POINT = wp.constant(0.5774)
+# Metres by which distances give way, a few roundings of a coordinate.
+ROUNDING = wp.constant(1.0e-6)
 
 
 @wp.func
@@ -39,6 +41,13 @@ def one_side(x: wp.float64, y: wp.float64, z: wp.float64):
     return (x > zero and y > zero and z > zero) or (x < zero and y < zero and z < zero)
 
 
+@wp.func
+def cut(x: wp.vec3, y: wp.vec3, clear: float):
+    """How far the edge from x to y is clear, as a point on it."""
+    span = y - x
+    return x + span * wp.clamp((clear - ROUNDING) / wp.max(wp.length(span), ROUNDING), 0.0, 1.0)
+
+
 @wp.kernel
 def crossed(
     meshes: wp.array(dtype=wp.uint64),
@@ -55,8 +64,9 @@ def crossed(
     """Edges of a cloth that pass through faces of a mesh and edges of the mesh through faces of the cloth.
 
     A thread has one of `frames` and a face of the cloth. `places` (frames, edges, 2) become the first and the last
-    crossing along an edge, which start at 2 and -1. `side_of` has for each face of the mesh the edges k from corner k
-    to k + 1, as 2 e, or 2 e + 1 where the edge has them in the other order.
+    crossing along an edge, which start at 2 and -1. No vertex is nearer to the mesh than its distance. `side_of` has
+    for each face of the mesh the edges k from corner k to k + 1, as 2 e, or 2 e + 1 where the edge has them in the
+    other order.
     """
     t, face = wp.tid()
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -69,8 +79,14 @@ def crossed(
         return
     a, b, c = wp.vec3d(x), wp.vec3d(y), wp.vec3d(z)
     normal = wp.cross(b - a, c - a)
+    # Nothing crosses a corner nearer to its vertex than the mesh is: what is left lies between where corners end.
+    dx, dy, dz = distance[t, i], distance[t, j], distance[t, k]
+    xy, xz, yz = cut(x, y, dx), cut(x, z, dx), cut(y, z, dy)
+    yx, zx, zy = cut(y, x, dy), cut(z, x, dz), cut(z, y, dz)
+    lower = wp.min(wp.min(wp.min(xy, xz), wp.min(yz, yx)), wp.min(zx, zy))
+    upper = wp.max(wp.max(wp.max(xy, xz), wp.max(yz, yx)), wp.max(zx, zy))
     mesh = meshes[frames[t]]
-    query = wp.mesh_query_aabb(mesh, wp.min(wp.min(x, y), z), wp.max(wp.max(x, y), z))
+    query = wp.mesh_query_aabb(mesh, lower, upper)
     other = int(0)
     while wp.mesh_query_aabb_next(query, other):
         p, q, r = corner(mesh, 3 * other), corner(mesh, 3 * other + 1), corner(mesh, 3 * other + 2)
@@ -99,15 +115,16 @@ def crossed(
 @wp.kernel
 def nearest(
     meshes: wp.array(dtype=wp.uint64),
-    frames: wp.array(dtype=int),
+    chosen: wp.array(dtype=int),
     points: wp.array(dtype=wp.vec3),
     farthest: float,
     faces: wp.array(dtype=int),
     weights: wp.array(dtype=wp.vec3),
 ):
-    """The closest place on a mesh: its face and barycentric coordinates; face -1 where none is as near."""
-    i = wp.tid()
-    query = wp.mesh_query_point_no_sign(meshes[frames[i]], points[i], farthest)
+    """The places on the first mesh closest to the chosen points: face and barycentric coordinates; face -1 where none
+    is as near."""
+    i = chosen[wp.tid()]
+    query = wp.mesh_query_point_no_sign(meshes[0], points[i], farthest)
     faces[i] = -1
     if query.result:
         faces[i] = query.face

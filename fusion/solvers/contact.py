@@ -7,6 +7,7 @@ from typing import Any
 import torch
 
 from fusion.losses import collision_loss
+from fusion.obstacles.cached import tracker_of
 from fusion.obstacles.sdf import Obstacle
 from fusion.obstacles.surface_contact import SurfaceContact
 from fusion.solvers.energy import Energy
@@ -14,6 +15,9 @@ from fusion.solvers.recorder import Recorder, frames_last
 
 _RAISINGS = 1  # of planes after a query, for the cloth between vertices; the clean-up does what is left
 _TOUCHING = 1e-5  # metres: a vertex nearer to its plane than this touches it
+# Metres above the margin beyond which a vertex may keep an older plane, moved to where the obstacle can at most be: it
+# hardly moves as far before the next query.
+_REACHED = 0.02
 
 
 class Contact:
@@ -47,7 +51,7 @@ class Contact:
         surface: SurfaceContact | None = None,
         loose: torch.Tensor | None = None,
     ) -> None:
-        self._obstacle, self._margin, self._every = obstacle, margin_m, every_steps
+        self._tracker, self._margin, self._every = tracker_of(obstacle), margin_m, every_steps
         self._surface = surface
         self._loose = like.new_ones(like.shape[1], dtype=torch.bool) if loose is None else loose
         self.normal = frames_last(*like.shape, like=like)
@@ -62,18 +66,17 @@ class Contact:
         """Take new planes at vertices (T, N, 3)."""
         # Obstacles want the numbers of a vertex side by side, not those of a group of frames.
         vertices = vertices.contiguous()
-        query = self._obstacle.query(vertices)
-        self.normal.copy_(query.direction)
-        distance = query.distance.to(vertices)
-        self.offset.copy_((self.normal * vertices).sum(-1) + (self._margin - distance))
-        self.depth = collision_loss(distance, margin_m=self._margin)
+        near = self._tracker.near(vertices, self._margin + _REACHED)
+        self.normal.copy_(near.direction)
+        self.offset.copy_((self.normal * vertices).sum(-1) + (self._margin - near.distance))
+        self.depth = collision_loss(near.distance, margin_m=self._margin)
         if self._surface is not None:
-            self._raise_planes(self._surface, vertices, distance)
+            self._raise_planes(self._surface, vertices, near.distance)
 
     def measure(self, vertices: torch.Tensor) -> None:
         """Set the depth at vertices (T, N, 3), and leave the planes."""
-        distance = self._obstacle.query(vertices).distance.to(vertices)
-        self.depth = collision_loss(distance, margin_m=self._margin)
+        near = self._tracker.near(vertices.contiguous(), self._margin)
+        self.depth = collision_loss(near.distance, margin_m=self._margin)
 
     def _raise_planes(self, surface: SurfaceContact, vertices: torch.Tensor, distance: torch.Tensor) -> None:
         """Raise planes so that the cloth between vertices (T, N, 3), once these are on or above them, is outside."""

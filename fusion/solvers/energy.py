@@ -72,6 +72,12 @@ class Energy:
         n_edges, n_pixels = max(len(topology.edges), 1), max(len(pixel_faces.places) if pixel_faces else 1, 1)
         self._divisors = torch.tensor([n_edges, 1, n_edges, n_pixels], dtype=torch.float64).to(anchor.device)
         self.factors = torch.tensor(list(self._weights.values()), dtype=torch.float64).to(anchor.device)
+        self._terms = torch.zeros(
+            len(TERMS), len(self._whole_active), dtype=torch.float64, device=anchor.device
+        )
+        self._totals = record = Recorder(anchor, self.busy)
+        of_vertices, of_pixels = record.frames(self._of_vertices), record.frames(self._pixels)
+        record("total_terms", (len(TERMS),), of_vertices, of_pixels, record.doubles(self._terms))
         self._recorder = record = Recorder(anchor, self.busy)
         vertices, gradient = record.frames(self.vertices), record.frames(self.gradient)
         normal = normal_gradient = None
@@ -134,9 +140,8 @@ class Energy:
     def evaluate(self) -> torch.Tensor:
         """(T, 4) float64: the terms in the order of TERMS, unweighted; fills `gradient` of the weighted sum."""
         self._recorder.run()
-        of_vertices, pixels = self._of_vertices.sum(-1), self._pixels.sum(-1, keepdim=True)
-        terms = torch.cat([of_vertices, pixels], dim=1)[: len(self.active)]
-        return terms.double() / self._divisors
+        self._totals.run()
+        return self._terms[:, : len(self.active)].T / self._divisors
 
     def _record_pixels(
         self,

@@ -36,13 +36,10 @@ class StepMemory:
         self.gradient, self.right, self.solution = (frames_last(*like.shape, like=like) for _ in range(3))
         self._steps, self._changes = (frames_last(frames, PAIRS, count, 3, like=like) for _ in range(2))
         self._factors = frames_last(frames, PAIRS, like=like)
-        self._slope = like.new_zeros(frames, dtype=torch.float64)
         self._order: list[int] = []  # pairs by where they are kept, oldest first
-        self._place = torch.zeros(1, dtype=torch.int32, device=like.device)
-        # (T, PAIRS, PAIRS) step times change; (T, PAIRS) 1 / that of a pair, or 0 where it is not to be used, and what
-        # the first loop has found.
-        self._by_change = like.new_zeros(frames, PAIRS, PAIRS, dtype=torch.float64)
-        self._inverse, self._alphas = (like.new_zeros(frames, PAIRS, dtype=torch.float64) for _ in range(2))
+        self._place, self._places = (
+            torch.full((length,), -1, dtype=torch.int32, device=like.device) for length in (1, PAIRS)
+        )
         self._products = {
             name: _Products(energy, many, one)
             for name, (many, one) in {
@@ -66,44 +63,62 @@ class StepMemory:
             (energy.gradient, step.gradient, self.gradient, self._changes),
         ):
             record("differ", count, record.ints(self._place), *map(record.frames, tensors))
+        self._record_loops(energy, step)
+
+    def _record_loops(self, energy: Energy, step: ConstrainedStep) -> None:
+        """The small sums between the passes over the vertices."""
+        self._first, self._second, self._judge = (Recorder(energy.vertices, energy.busy) for _ in range(3))
+        record = self._first
+        order, factors = record.ints(self._places), record.frames(self._factors)
+        # Step times change; 1 / that of a pair, or 0 where it is not to be used; what the loops have found.
+        whole = len(energy.busy) * lanes_on(energy.vertices.device)
+        double = energy.vertices.new_zeros(PAIRS, PAIRS + 3, whole, dtype=torch.float64)
+        by_change = record.doubles(double[:, :PAIRS].contiguous())
+        inverse, alphas, lengths = (record.doubles(double[:, PAIRS + k].contiguous()) for k in range(3))
+        along_steps, along_changes, along_direction = (
+            record.frames(products.blocks) for products in self._products.values()
+        )
+        record("first_loop", (), order, along_steps, inverse, by_change, alphas, factors)
+        self._second("second_loop", (), order, along_changes, inverse, by_change, alphas, lengths, factors)
+        self._judge(
+            "judge_pair",
+            (),
+            record.ints(self._place),
+            _CURVATURE,
+            along_steps,
+            along_direction,
+            record.frames(step.length),
+            inverse,
+            by_change,
+        )
 
     def prepare(self) -> None:
         """Make the right-hand side: the first loop, newest pair first."""
         if self._order:
-            along = self._products["steps, gradient"]()
-            for place in reversed(self._order):
-                self._alphas[:, place] = along[:, place] * self._inverse[:, place]
-                along = along - self._alphas[:, place, None] * self._by_change[:, :, place]
-        self._factors.copy_(-self._alphas)
+            self._products["steps, gradient"].run()
+            self._first.run()
         self._make_right.run()
 
     def lead(self) -> None:
         """Let the step's direction follow from the solution: the second loop, oldest pair first."""
-        lengths = torch.zeros_like(self._alphas)
         if self._order:
-            along = self._products["changes, solution"]()
-            for place in self._order:
-                lengths[:, place] = self._alphas[:, place] - along[:, place] * self._inverse[:, place]
-                along = along + lengths[:, place, None] * self._by_change[:, place]
-        self._factors.copy_(-lengths)
+            self._products["changes, solution"].run()
+            self._second.run()
         self._make_direction.run()
 
     def slope(self) -> torch.Tensor:
         """(T,) float64: direction times gradient."""
-        self._slope = self._products["direction, gradient"]()[:, 0]
-        return self._slope
+        return self._products["direction, gradient"]()[:, 0]
 
     def add(self) -> None:
         """Keep the step to the energy's vertices; frames in which it has no positive curvature keep nothing."""
         place = len(self._order) if len(self._order) < PAIRS else self._order.pop(0)
         self._order.append(place)
         self._place.fill_(place)
+        self._places[PAIRS - len(self._order) :] = torch.tensor(self._order, dtype=torch.int32)
         self._remember.run()
-        products = self._products["steps, gradient"]()
-        product = products[:, place]
-        good = product > _CURVATURE * (self._step.length * self._slope).abs()
-        self._by_change[:, :, place] = products
-        self._inverse[:, place] = torch.where(good, 1 / torch.where(good, product, 1), 0)
+        self._products["steps, gradient"].run()
+        self._judge.run()
 
 
 class _Products:
@@ -114,12 +129,13 @@ class _Products:
         blocks = -(-count // _BLOCK)
         # Of whole groups, so that sums are taken in the same order whatever frames are in them.
         self._frames, whole = frames, len(energy.busy) * lanes_on(one.device)
-        self._blocks = frames_last(whole, blocks, several, like=one)
-        self._record = record = Recorder(one, energy.busy)
-        arguments = record.frames(many), record.frames(one), record.frames(self._blocks)
+        self.blocks = frames_last(whole, blocks, several, like=one)
+        record = Recorder(one, energy.busy)
+        arguments = record.frames(many), record.frames(one), record.frames(self.blocks)
         record("products", (blocks, several), count, _BLOCK, *arguments)
+        self.run = record.run
 
     def __call__(self) -> torch.Tensor:
         """(T, K) float64."""
-        self._record.run()
-        return self._blocks.sum(1, dtype=torch.float64)[: self._frames]
+        self.run()
+        return self.blocks.sum(1, dtype=torch.float64)[: self._frames]

@@ -138,15 +138,16 @@ class _Run:
         # Projected last, so that it descends whatever walls the remembered steps were taken at.
         constrained.project()
         slope = self._memory.slope()
-        terms, lowered = self._line_search(slope)
-        energy.activate(self._going)
+        terms, self._value, lowered = self._line_search(slope)
         self._going = self._going & lowered
         self._memory.add()
-        self._value = self._weighted(terms)
         return terms
 
-    def _line_search(self, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Halve each problem's step until the energy falls enough: terms there, and whether it did (T,)."""
+    def _line_search(self, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Halve each problem's step until the energy falls enough: terms and energies there, and whether they did (T,).
+
+        Those take part afterwards that did before.
+        """
         length, trying = torch.ones_like(slope), self._going
         for halving in range(_HALVINGS + 1):
             if halving == _HALVINGS:  # nowhere to go within rounding: stay
@@ -156,12 +157,15 @@ class _Run:
                 self._energy.activate(trying)
             self._constrained.advance()
             terms = self._energy.evaluate()
-            failed = trying & ~(self._weighted(terms) <= self._value + _SUFFICIENT * length * slope)
+            value = self._weighted(terms)
+            failed = trying & ~(value <= self._value + _SUFFICIENT * length * slope)
             if not bool(failed.any()):
                 break
             trying = failed
             length = torch.where(failed, 0.5 * length, length)
-        return terms, length > 0
+        if halving:
+            self._energy.activate(self._going)
+        return terms, value, length > 0
 
     def _weighted(self, terms: torch.Tensor) -> torch.Tensor:
         """(T, 4) to the energies of the frames (T,)."""

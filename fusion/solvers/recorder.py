@@ -95,6 +95,11 @@ class Recorder:
         assert whole is not None
         return self._warp.from_torch(whole, dtype=self._lane)
 
+    def doubles(self, tensor: torch.Tensor) -> Any:
+        """(..., G · lanes) float64 as an array (..., G) of vectors, one number a frame, in the same memory."""
+        lanes = tensor.view(*tensor.shape[:-1], self._groups, self._lanes)
+        return self._warp.from_torch(lanes, dtype=self._warp.types.vector(self._lanes, self._warp.float64))
+
     def _whole(self, tensor: torch.Tensor) -> torch.Tensor | None:
         """The (..., G, lanes) buffer behind a tensor of `frames_last`; None for any other."""
         padded = self._groups * self._lanes

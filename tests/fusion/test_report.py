@@ -8,10 +8,12 @@ import pytest
 import torch
 
 from fusion import FusionConfig
-from fusion.crossing_report import CrossingFractions, CrossingReport
+from fusion.crossing_report import ClothAndBody, CrossingFractions, CrossingReport
 from fusion.obstacles import body_crossing_fractions
+from fusion.obstacles.cached import make_obstacle, pose
 from fusion.report import Statistics, Stopwatch
 from fusion.stages import BatchResult, SolverResult
+from fusion.topology import Topology
 from tests.helpers.fusion_examples import cylinder_body, inputs_of, tube
 
 CONFIG = FusionConfig(weight_displacement=1.0)  # weights 1e4 of both terms of the first stage
@@ -147,11 +149,15 @@ def test_every_fourth_frame_of_the_clip_is_looked_at_however_it_is_cut(size):
     bodies[4] *= [1.2, 1, 1]
     bodies[5] *= [1.3, 1, 1]
     inputs = inputs_of(initial=cloth, body=(bodies, body.faces))
-    report = CrossingReport(mesh, inputs, torch.device("cpu"))
-    found = []
+    report, found = CrossingReport(mesh, torch.device("cpu")), []
+    obstacle = make_obstacle(inputs, FusionConfig(), torch.device("cpu"), Topology(mesh))
     for first in range(0, 9, size):
-        part = inputs.part(slice(first, first + size))
-        found.append(report.fractions(cloth[first : first + size] + 10, cloth[first : first + size], part))
+        frames = slice(first, first + size)
+        pose(obstacle, inputs.part(frames))
+        before, after = (
+            (part, obstacle.query(part).distance) for part in (cloth[frames] + 10, cloth[frames])
+        )
+        found.append(report.fractions(after[0], first, ClothAndBody(obstacle.surface, before, after)))
     before, after = (np.concatenate([part.body[k] for part in found if part.body]) for k in (0, 1))
     assert before.tolist() == [0, 0, 0]  # ten metres away
     assert (after > 0).tolist() == [False, True, False]

@@ -77,7 +77,10 @@ def test_nothing_stays_inside_however_deep_it_was(name):
     torch.testing.assert_close(DEEP[name], before, rtol=0, atol=0)
     assert sdf.query(found.vertices).distance.min() >= CLEARANCE
     assert not found.remaining.any()
-    assert torch.equal(found.distance, sdf.query(found.vertices).distance)
+    exact = sdf.query(found.vertices).distance
+    near = exact < CLEARANCE + 4e-4
+    assert torch.equal(found.distance[near], exact[near])
+    assert (found.distance <= exact).all()
     assert 1 <= found.rounds <= 4
     assert found.queried <= 2.01
 
@@ -263,15 +266,15 @@ def test_directions_of_the_search_are_spread_evenly():
 def test_only_vertices_that_moved_are_asked_about_again():
     space = HalfSpace()
     vertices = torch.rand(2, 5, 3, generator=torch.Generator().manual_seed(0))
-    cache = SdfCache(vertices, space)
+    cache = SdfCache(vertices, space, 0.1)
     moved = vertices.clone()
     moved[0, [1, 4], 1], moved[1, 2, 1] = 7.0, 8.0
     cache.move(moved)
-    assert space.queries[1].shape == (2, 2, 3)  # the second frame's one is padded
+    assert space.queries[1].tolist() == [moved[place].tolist() for place in ((0, 1), (0, 4), (1, 2))]
     assert cache.distance.equal(moved[..., 1])
-    assert cache.asked == 2 * 5 + 2 * 2
+    assert cache.asked == 2 * 5 + 3
     cache.move(moved.clone())
-    assert cache.asked == 14
+    assert cache.asked == 13
 
 
 def test_a_deep_vertex_is_pulled_until_its_edges_are_no_more_than_half_as_long_again():

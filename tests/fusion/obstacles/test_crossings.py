@@ -257,3 +257,14 @@ def test_frames_that_do_not_fit_are_refused():
         edges_through_faces(np.zeros((2, 2, 3)), EDGE, TRIANGLE[None], FACE)
     with pytest.raises(InputError, match="not finite"):
         through([[0, 0, np.nan], [0, 0, 1]])
+
+
+def test_counts_alone_are_those_of_the_places():
+    mesh = tube()
+    search = EdgeCrossings(mesh.edges, mesh.faces, len(mesh.vertices), itself=True)
+    noise = np.random.default_rng(0).normal(0, 0.02, (3, *mesh.vertices.shape))
+    noise[1] = 0
+    crumpled = torch.from_numpy(mesh.vertices + noise).float()
+    counts = search.counts(crumpled)
+    assert counts.equal(search.query(crumpled).counts())
+    assert (counts > 0).tolist() == [True, False, True]

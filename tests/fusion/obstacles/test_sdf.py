@@ -214,6 +214,37 @@ def test_signs_at_a_spike_sharper_than_a_right_angle():
     assert ((away * found.direction).sum(-1) >= -1e-6).all()
 
 
+def test_points_may_each_say_whose_frame_they_are_of():
+    frames = np.stack([sphere().vertices, sphere(0.4).vertices, sphere(0.3).vertices])
+    sdf = BodySdf(sphere().faces, frames.shape[1])
+    sdf.update(frames)
+    points = torch.tensor([[0.6, 0, 0], [0.6, 0, 0], [0.1, 0, 0], [0.0, 0.6, 0]])
+    found = sdf.query(points, torch.tensor([2, 0, 1, 2]))
+    np.testing.assert_allclose(found.distance, [0.3, 0.1, -0.3, 0.3], atol=2e-3)
+    with pytest.raises(InputError, match=r"points must have shape \(2, 3\), one a frame, found \(4, 3\)"):
+        sdf.query(points, torch.tensor([0, 1]))
+
+
+def test_points_known_to_be_outside_get_the_same_answer():
+    sdf = sdf_of(coil())
+    points = torch.from_numpy(near_surface(coil().triangles, 400, 0.03))
+    whole = sdf.query(points)
+    outside = whole.distance > 0
+    found = sdf.query(points, outside=outside)
+    for name in ("distance", "direction", "closest"):
+        assert torch.equal(getattr(found, name), getattr(whole, name))
+
+
+def test_doubts_are_settled_by_rays_where_they_agree():
+    """No mesh with winding numbers, which is slow to move, is made for a body that overlaps itself."""
+    sdf = sdf_of(coil())
+    points = near_surface(coil().triangles, 2000, 0.03)
+    found = sdf.query(torch.from_numpy(points)).distance
+    inside = brute_winding_numbers(points, coil().triangles) > 0.5
+    assert ((found < 0).numpy() == inside).all()
+    assert sdf._doubted is None
+
+
 def test_beyond_the_band_the_distance_is_the_band_without_a_direction():
     points = torch.randn(500, 3, generator=torch.Generator().manual_seed(0)) * 0.6
     exact = sdf_of(sphere()).query(points)

@@ -169,6 +169,23 @@ def test_cloth_that_crosses_nothing_stays_bit_for_bit():
     assert (result.rounds, result.rounds_between) == (0, 0)
 
 
+@pytest.mark.parametrize("bound", ["exact", "half of it", "none"])
+def test_crossing_edges_are_counted_as_by_a_search_of_all(bound):
+    """Whatever less than the distance is known of the vertices; each frame by itself."""
+    body, cloth = around("dense cloth")
+    sdf, topology = posed(body), Topology(cloth)
+    shrunk = [np.asarray(cloth.vertices) * factor for factor in (2.0, 0.99, 1.0)]
+    sdf.update(np.stack([np.asarray(body.vertices)] * 3))
+    points = torch.cat([tensor(each) for each in shrunk])
+    distance = sdf.query(points).distance
+    known = {"exact": distance, "half of it": torch.where(distance > 0, 0.5 * distance, distance)}
+    known["none"] = distance.clamp(max=0)
+    frames = torch.tensor([0, 2])
+    found = SurfaceContact(sdf, topology, CPU).body_crossings(points, known[bound], frames)
+    assert found.tolist() == [crossings(points[[frame]], cloth, body) for frame in (0, 2)]
+    assert found[1] > 10
+
+
 def test_pinned_vertices_stay_though_their_faces_cross():
     fixed = torch.tensor([True, False, True])
     result = lift_clear(
