@@ -192,9 +192,8 @@ class FrameSolver:
                 vertices, inside = self._cleared(vertices, obstacle)
         if self._untangler is not None:
             with watch.stage("self_contact"):
-                vertices = self._untangler.untangled(vertices, obstacle, config.clearance_m)
-                if obstacle is not None and inside is not None:
-                    vertices, (_, after) = self._cleared(vertices, obstacle)
+                vertices, after = self._untangled(self._untangler, vertices, obstacle)
+                if inside is not None and after is not None:
                     inside = inside[0], after
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
         solved = _array(vertices)
@@ -216,19 +215,32 @@ class FrameSolver:
     def settled(
         self, inputs: FusionInputs, before: np.ndarray, smooth: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Smoothed vertices with pins in place and outside of the obstacles, as `fusion.smoothing.Settle` says."""
+        """Smoothed vertices with pins in place, outside of the obstacles and, where that is wanted, of the garment
+        itself, as `fusion.smoothing.Settle` says."""
         vertices = torch.from_numpy(smooth).to(self._device)
         if self._fixed is not None:
             vertices[:, self._fixed] = torch.from_numpy(before).to(vertices)[:, self._fixed]
         obstacle = self._obstacles.get()
         try:
-            if obstacle is None:
-                return _array(vertices), None
-            pose(obstacle, inputs)
-            cleared, (_, inside) = self._cleared(vertices, obstacle)
-            return _array(cleared), inside
+            inside = None
+            if obstacle is not None:
+                pose(obstacle, inputs)
+                vertices, (_, inside) = self._cleared(vertices, obstacle)
+            if self._untangler is not None:  # means of frames may cross though no frame does
+                vertices, inside = self._untangled(self._untangler, vertices, obstacle)
+            return _array(vertices), inside
         finally:
             self._obstacles.put(obstacle)
+
+    def _untangled(
+        self, untangler: Untangler, vertices: torch.Tensor, obstacle: CachedObstacle | None
+    ) -> tuple[torch.Tensor, np.ndarray | None]:
+        """The garment taken out of itself, and out of the obstacle once more: the vertices, and the fractions inside."""
+        vertices = untangler.untangled(vertices, obstacle, self._config.clearance_m)
+        if obstacle is None:
+            return vertices, None
+        vertices, (_, inside) = self._cleared(vertices, obstacle)
+        return vertices, inside
 
     def _make_solver(self, *, with_normals: bool) -> Solver:
         config = self._config
