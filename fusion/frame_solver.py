@@ -13,6 +13,7 @@ import torch
 
 from fusion.config import FusionConfig
 from fusion.crossing_report import CrossingFractions, CrossingReport
+from fusion.grown_maps import GrownMaps
 from fusion.initialise import InitialWeights, Readings
 from fusion.input_checks import rest_mesh
 from fusion.inputs import FusionInputs
@@ -73,6 +74,7 @@ class FrameSolver:
         device: computes.
         threads: batches that are solved at the same time.
         weighted: whether any pixel's confidence is not 1; without, confidences are not looked at.
+        grown: which pixels of the position maps have grown from others, and are not judged; None: none.
 
     Raises:
         InputError: a rest shape that does not fit the template, or a template that no view sees.
@@ -87,7 +89,9 @@ class FrameSolver:
         *,
         threads: int,
         weighted: bool,
+        grown: GrownMaps | None = None,
     ) -> None:
+        self._grown = grown
         self._config, self._device, self._threads, self._weighted = config, device, threads, weighted
         shape = rest_mesh(inputs.rest, imager.mesh)
         self._topology = Topology(shape)
@@ -235,7 +239,7 @@ class FrameSolver:
     def _untangled(
         self, untangler: Untangler, vertices: torch.Tensor, obstacle: CachedObstacle | None
     ) -> tuple[torch.Tensor, np.ndarray | None]:
-        """The garment taken out of itself, and out of the obstacle once more: the vertices, and the fractions inside."""
+        """The garment out of itself, and out of the obstacle once more: the vertices, and the fractions inside."""
         vertices = untangler.untangled(vertices, obstacle, self._config.clearance_m)
         if obstacle is None:
             return vertices, None
@@ -263,6 +267,8 @@ class FrameSolver:
         positions, confidence = inputs.maps.positions.to(self._device), self._confidence(inputs)
         if self._automatic is None:
             return JudgedMaps(positions, confidence)
+        if self._grown is not None:
+            return self._grown.judged(self._automatic, positions, confidence)
         return self._automatic.judge(positions, confidence)
 
     def _readings(self, inputs: FusionInputs, judged: JudgedMaps | None) -> Readings:
