@@ -60,7 +60,7 @@ class FusionConfig(BaseModel):
         "that lie off their surroundings. Maps that hold together are left as they are.",
     )
     sdf_every_iterations: int = Field(
-        default=20, ge=1, le=10**6, description="Of `local_global`: steps between two distance queries."
+        default=14, ge=1, le=10**6, description="Of `local_global`: steps between two distance queries."
     )
     edge_steps: int = Field(
         default=100, ge=0, le=10**6, description="Of `adam`, first stage (edge lengths); 0 skips it."

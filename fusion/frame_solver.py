@@ -13,6 +13,7 @@ import torch
 
 from fusion.config import FusionConfig
 from fusion.crossing_report import ClothAndBody, CrossingFractions, CrossingReport
+from fusion.grown_maps import GrownMaps
 from fusion.initialise import InitialWeights, Readings
 from fusion.input_checks import rest_mesh
 from fusion.inputs import FusionInputs
@@ -73,6 +74,7 @@ class FrameSolver:
         device: computes.
         threads: batches that are solved at the same time.
         weighted: whether any pixel's confidence is not 1; without, confidences are not looked at.
+        grown: which pixels of the position maps have grown from others, and are not judged; None: none.
 
     Raises:
         InputError: a rest shape that does not fit the template, or a template that no view sees.
@@ -87,7 +89,9 @@ class FrameSolver:
         *,
         threads: int,
         weighted: bool,
+        grown: GrownMaps | None = None,
     ) -> None:
+        self._grown = grown
         self._config, self._device, self._threads, self._weighted = config, device, threads, weighted
         shape = rest_mesh(inputs.rest, imager.mesh)
         self._topology = Topology(shape)
@@ -193,10 +197,9 @@ class FrameSolver:
                 vertices = cleared.after[0]
         if self._untangler is not None:
             with watch.stage("self_contact"):
-                vertices = self._untangler.untangled(vertices, obstacle, config.clearance_m)
-                if obstacle is not None and cleared is not None:
-                    cleared = replace(cleared, after=self._cleared(vertices, obstacle).after)
-                    vertices = cleared.after[0]
+                vertices, again = self._untangled(self._untangler, vertices, obstacle)
+                if cleared is not None and again is not None:
+                    cleared = replace(cleared, after=again.after)
         unseen = 1 - readings.seen.float().mean(-1).cpu().numpy()
         solved = _array(vertices)
         check_finite(solved, "fuse: the result", first=inputs.first_frame)
@@ -219,19 +222,33 @@ class FrameSolver:
     def settled(
         self, inputs: FusionInputs, before: np.ndarray, smooth: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Smoothed vertices with pins in place and outside of the obstacles, as `fusion.smoothing.Settle` says."""
+        """Smoothed vertices with pins in place, outside of the obstacles and, where that is wanted, of the garment
+        itself, as `fusion.smoothing.Settle` says."""
         vertices = torch.from_numpy(smooth).to(self._device)
         if self._fixed is not None:
             vertices[:, self._fixed] = torch.from_numpy(before).to(vertices)[:, self._fixed]
         obstacle = self._obstacles.get()
         try:
-            if obstacle is None:
-                return _array(vertices), None
-            pose(obstacle, inputs)
-            cleared = self._cleared(vertices, obstacle)
-            return _array(cleared.after[0]), _inside(cleared)[1]
+            cleared = None
+            if obstacle is not None:
+                pose(obstacle, inputs)
+                cleared = self._cleared(vertices, obstacle)
+                vertices = cleared.after[0]
+            if self._untangler is not None:  # means of frames may cross though no frame does
+                vertices, cleared = self._untangled(self._untangler, vertices, obstacle)
+            return _array(vertices), None if cleared is None else _inside(cleared)[1]
         finally:
             self._obstacles.put(obstacle)
+
+    def _untangled(
+        self, untangler: Untangler, vertices: torch.Tensor, obstacle: CachedObstacle | None
+    ) -> tuple[torch.Tensor, ClothAndBody | None]:
+        """The garment out of itself, and out of the obstacle once more: the vertices, and that clean-up."""
+        vertices = untangler.untangled(vertices, obstacle, self._config.clearance_m)
+        if obstacle is None:
+            return vertices, None
+        cleared = self._cleared(vertices, obstacle)
+        return cleared.after[0], cleared
 
     def _make_solver(self, *, with_normals: bool) -> Solver:
         config = self._config
@@ -254,6 +271,8 @@ class FrameSolver:
         positions, confidence = inputs.maps.positions.to(self._device), self._confidence(inputs)
         if self._automatic is None:
             return JudgedMaps(positions, confidence)
+        if self._grown is not None:
+            return self._grown.judged(self._automatic, positions, confidence)
         return self._automatic.judge(positions, confidence)
 
     def _readings(self, inputs: FusionInputs, judged: JudgedMaps | None) -> Readings:

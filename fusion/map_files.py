@@ -6,21 +6,17 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from fusion.config import FusionConfig
+from fusion.grown_maps import GrownMaps
 from fusion.input_checks import checked
 from fusion.inputs import DecodedMaps, FusionInputs
 from fusion.stream import FrameStream, FusionResult, Take, collected, fuse_batches, slices
 from render.errors import InputError
-from render.maps.dilation import dilate, surface_guide
 from render.maps.encoding import decode_normals
 from render.maps.imager import TemplateImager
 from render.maps.map_file import MapFile, Maps
 from render.mesh.mesh import Mesh
 
-# Fraction of the template's pixels that the maps may lack: rasterisers differ in single pixels of the outline.
-_TOLERATED = 0.01
 _LOOKED_THROUGH = 16  # frames whose confidence is looked at together
 
 
@@ -131,7 +127,7 @@ def fuse_map_parts(
             done += part.n_frames
 
     weighted = reader.imaged and first.confidence is not None and _weighted(maps, reader.imager)
-    frames = FrameStream(maps.n_frames, batches, weighted=weighted, fps=first.fps)
+    frames = FrameStream(maps.n_frames, batches, weighted=weighted, fps=first.fps, grown=reader.grown)
     return fuse_batches(
         reader.imager, frames, take, config, device=device, history=history, progress=progress
     )
@@ -171,7 +167,7 @@ class _MapReader:
                 f"of {len(maps.template_vertices)}; give the mesh that they were made with"
             )
         self.imager = TemplateImager.build(template, cameras=maps.cameras)
-        self._grown = _Grown(self.imager, maps.mask, reading.erode)
+        self.grown = GrownMaps(self.imager, maps.mask, reading.erode)
         self._positions = from_positions
         self._normals = maps.normal is not None and not reading.positions_only
         #: Whether any map is read at all.
@@ -182,33 +178,7 @@ class _MapReader:
         positions = maps.position if self._positions else None
         normals = maps.normal if self._normals else None
         return DecodedMaps(
-            positions=None if positions is None else maps.box.decode(self._grown(positions)),
-            normals=None if normals is None else decode_normals(self._grown(normals)),
+            positions=None if positions is None else maps.box.decode(self.grown(positions)),
+            normals=None if normals is None else decode_normals(self.grown(normals)),
             confidence=maps.confidence if self.imaged else None,
         )
-
-
-class _Grown:
-    """Images (T, S, H, W, C) with values wherever the template has pixels.
-
-    Raises:
-        InputError: the maps' silhouette is not that of the template, or `erode` is below 0.
-    """
-
-    def __init__(self, imager: TemplateImager, mask: np.ndarray, erode: int) -> None:
-        needed = imager.mask.numpy()
-        missing = float((needed & ~mask).sum() / needed.sum())
-        if missing > _TOLERATED:
-            raise InputError(
-                f"{imager.mesh.source}: {100 * missing:.1f} % of its pixels lie outside the maps' silhouette; "
-                "give the mesh that the maps were made with"
-            )
-        if erode < 0:
-            raise InputError(f"erode is {erode}; pixels are counted from 0")
-        self._mask, self._erode = mask, erode
-        self._guide = surface_guide(imager) if erode or missing else None
-
-    def __call__(self, images: np.ndarray) -> np.ndarray:
-        if self._guide is None:
-            return images
-        return dilate(images, self._mask, erode=self._erode, guide=self._guide)

@@ -13,6 +13,7 @@ import torch
 
 from fusion.config import FusionConfig
 from fusion.frame_solver import FrameSolver, frames_at_once, usable_threads
+from fusion.grown_maps import GrownMaps
 from fusion.inputs import FusionInputs
 from fusion.parallel import one_torch_thread
 from fusion.report import Statistics, Stopwatch
@@ -35,12 +36,14 @@ class FrameStream:
             `fusion.input_checks.checked` returns it; the last one may be smaller.
         weighted: whether any pixel's confidence in any frame is not 1.
         fps: frames a second, None where nobody knows.
+        grown: which pixels of the position maps have grown from others; None: none.
     """
 
     n_frames: int
     batches: Callable[[int], Iterator[FusionInputs]]
     weighted: bool
     fps: float | None = None
+    grown: GrownMaps | None = None
 
 
 @one_blas_thread()
@@ -78,7 +81,15 @@ def fuse_batches(
         coming = frames.batches(frames_at_once(config, threads, frames.n_frames))
         first = next(coming)
         with watch.stage("setup"):
-            solver = FrameSolver(imager, first, config, device, threads=threads, weighted=frames.weighted)
+            solver = FrameSolver(
+                imager,
+                first,
+                config,
+                device,
+                threads=threads,
+                weighted=frames.weighted,
+                grown=frames.grown,
+            )
         batches: Iterator[FusionInputs] = itertools.chain([first], coming)
         if period is None:
             solved, smoothing = solver.solve_all(batches, watch), None

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
+from fusion.obstacles.edge_limits import EdgeLimits
 from fusion.obstacles.lifting import SdfCache, followed, lifted, padded_places, smoothed
 from fusion.obstacles.sdf import Obstacle
 from fusion.obstacles.surface_contact import SurfaceContact, SurfaceContacts
@@ -19,6 +20,8 @@ _BETWEEN = 2
 _TOUCHING = 5e-4
 # After so many rounds what still crosses is taken for tangled; and rounds for the vertices that are smoothed then.
 _TANGLED, _VERTEX_ROUNDS = 7, 6
+# Rounds in which edges are made shorter at the end, and cloth is put outside again.
+_SHORTENINGS = 8
 # Of the search at the end: directions tried at every distance, and in metres the first distance, the ratio of each
 # distance to the one before, and the last one.
 _DIRECTIONS, _NEAREST, _RATIO, _UTMOST = 64, 1e-3, 1.25, 4.0
@@ -88,6 +91,9 @@ def lift_clear(
     an arm: vertices around it are put where their neighbours draw them, and lifted again. Most cloth is out after three
     or four rounds, and each looks only at what the one before moved; what twenty do not bring out stays.
 
+    Where all this has made edges long, they are shortened and their cloth is brought out again, by turns; frames in
+    which that ends outside and with shorter edges keep it.
+
     The garment may touch or cross itself afterwards: its collisions with itself are outside what the fusion solves.
 
     Args:
@@ -115,6 +121,8 @@ def lift_clear(
         between = _lift_between(
             cache, surface, topology, clearance_m=clearance_m, rounds=_BETWEEN * rounds, loose=loose
         )
+        limits = EdgeLimits(vertices, topology, loose)
+        _shorten(cache, surface, limits, topology, clearance_m=clearance_m, loose=loose)
         relocated |= move_to_clear_places(cache, (cache.distance < clearance_m) & loose, clearance_m)
     remaining = cache.distance < clearance_m
     return Clearance(cache.vertices, number, asked, between, relocated, remaining, cache.distance)
@@ -155,8 +163,7 @@ def _lift_between(
             cache.move(smoothed(before, tangled, topology))
             left = _VERTEX_ROUNDS
         else:
-            touching = (cache.distance < clearance_m + _TOUCHING)[..., None]
-            lift = contacts.lifts(before, loose, torch.where(touching, cache.direction, 0.0))
+            lift = contacts.lifts(before, loose, _walls(cache, clearance_m))
             if number < rounds - 2:
                 lift = followed(lift, topology, ~(lift != 0).any(-1) & loose)
             cache.move(before + lift)
@@ -164,6 +171,43 @@ def _lift_between(
         _lift_vertices(cache, topology, clearance_m=clearance_m, rounds=left, loose=loose)
         moved = (cache.vertices != before).any(-1)
     return rounds
+
+
+def _shorten(
+    cache: SdfCache,
+    surface: SurfaceContact,
+    limits: EdgeLimits,
+    topology: Topology,
+    *,
+    clearance_m: float,
+    loose: torch.Tensor,
+) -> None:
+    """Shorten edges that the rounds before have made too long, where nothing has to go back into the obstacle."""
+    before, clear = cache.vertices, cache.distance >= clearance_m
+    excess = limits.excess(before)
+    going, done = excess > 0, torch.zeros_like(excess, dtype=torch.bool)
+    for _ in range(_SHORTENINGS):
+        if not bool(going.any()):
+            break
+        cache.move(limits.kept(cache.vertices, _walls(cache, clearance_m), going))
+        _lift_vertices(cache, topology, clearance_m=clearance_m, rounds=1, loose=loose)
+        moved = (cache.vertices != before).any(-1) & going[:, None]
+        contacts = surface.find(cache.vertices, cache.distance, moved)
+        out = ((cache.distance >= clearance_m) | ~clear).all(-1)
+        if contacts is not None:
+            out[contacts.frame] = False
+        done |= going & out
+        going &= ~out
+        if contacts is not None:
+            cache.move(cache.vertices + contacts.lifts(before, loose, _walls(cache, clearance_m)))
+    done &= limits.excess(cache.vertices) < excess
+    cache.move(torch.where(done[:, None, None], cache.vertices, before))
+
+
+def _walls(cache: SdfCache, clearance_m: float) -> torch.Tensor:
+    """(T, N, 3) unit vectors away from what vertices touch, 0 where that is nothing."""
+    touching = (cache.distance < clearance_m + _TOUCHING)[..., None]
+    return torch.where(touching, cache.direction, 0.0)
 
 
 def _around(

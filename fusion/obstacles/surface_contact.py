@@ -70,6 +70,18 @@ class SurfaceContacts:
         moved = total[:, :3] / total[:, 3:].clamp(min=1e-12)
         return moved.view(like.shape)
 
+    def even_heights(self, height: torch.Tensor) -> torch.Tensor:
+        """(T, N) metres above the obstacle at which the points are outside if all corners of each are as high.
+
+        The most where a vertex has several points, 0 where it has none. `height` (T, N) metres is where they are now.
+        """
+        places = self.frame[:, None] * height.shape[1] + self.corners
+        weights = self.weights.to(height)
+        even = (weights * height.flatten()[places]).sum(1) + self.depth.to(height)
+        even = even.clamp(max=_LONGEST)[:, None] * (weights > 0)
+        highest = torch.zeros_like(height).flatten()
+        return highest.scatter_reduce(0, places.flatten(), even.flatten(), "amax").view(height.shape)
+
 
 class SurfaceContact:
     """Finds the contacts of a garment with an obstacle's surfaces.

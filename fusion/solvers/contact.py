@@ -12,8 +12,10 @@ from fusion.obstacles.sdf import Obstacle
 from fusion.obstacles.surface_contact import SurfaceContact
 from fusion.solvers.energy import Energy
 from fusion.solvers.recorder import Recorder, frames_last
+from fusion.solvers.torn_cloth import torn_away
+from fusion.topology import Topology
 
-_RAISINGS = 1  # of planes after a query, for the cloth between vertices; the clean-up does what is left
+_FAR = 1.0  # metres: an obstacle is said to be so far from vertices that wait for the next query
 _TOUCHING = 1e-5  # metres: a vertex nearer to its plane than this touches it
 # Metres above the margin beyond which a vertex may keep an older plane, moved to where the obstacle can at most be: it
 # hardly moves as far before the next query.
@@ -25,7 +27,8 @@ class Contact:
 
     In between, the surface below each vertex is its tangent plane; within the few millimetres that a vertex moves,
     that is as good. Where the cloth between vertices is in the obstacle although they are not, their planes are
-    raised until it is not.
+    raised once, for the clean-up to do what is left. Vertices so deep that the way out would tear them from the cloth
+    around them have no plane until the second query; that cloth pulls them out on its side.
 
     Args:
         obstacle: one posed obstacle a frame.
@@ -34,6 +37,7 @@ class Contact:
         every_steps: steps between two queries.
         surface: finds where the cloth between vertices is in the obstacle; None: only vertices are kept out.
         loose: (N,) bool, vertices that may move; None for all.
+        topology: of the cloth; None: no vertex waits.
 
     Attributes:
         normal: (T, N, 3) unit vectors away from the surface, 0 where it is too far to matter.
@@ -50,9 +54,10 @@ class Contact:
         every_steps: int,
         surface: SurfaceContact | None = None,
         loose: torch.Tensor | None = None,
+        topology: Topology | None = None,
     ) -> None:
         self._tracker, self._margin, self._every = tracker_of(obstacle), margin_m, every_steps
-        self._surface = surface
+        self._surface, self._topology = surface, topology
         self._loose = like.new_ones(like.shape[1], dtype=torch.bool) if loose is None else loose
         self.normal = frames_last(*like.shape, like=like)
         self.offset = frames_last(*like.shape[:2], like=like)
@@ -67,11 +72,18 @@ class Contact:
         # Obstacles want the numbers of a vertex side by side, not those of a group of frames.
         vertices = vertices.contiguous()
         near = self._tracker.near(vertices, self._margin + _REACHED)
-        self.normal.copy_(near.direction)
-        self.offset.copy_((self.normal * vertices).sum(-1) + (self._margin - near.distance))
-        self.depth = collision_loss(near.distance, margin_m=self._margin)
+        distance, normal = near.distance, near.direction
+        self.depth = collision_loss(distance, margin_m=self._margin)
+        lift = (self._margin - distance).clamp(min=0) * self._loose
+        if self._topology is not None:
+            waiting = torn_away(vertices, lift[..., None] * normal, self._topology)
+            normal, lift = normal * ~waiting[..., None], lift * ~waiting
+            distance = torch.where(waiting, _FAR, distance)
+            self._topology = None  # from the second query on, none waits
+        self.normal.copy_(normal)
+        self.offset.copy_((self.normal * vertices).sum(-1) + (self._margin - distance))
         if self._surface is not None:
-            self._raise_planes(self._surface, vertices, near.distance)
+            self._raise_planes(self._surface, vertices + lift[..., None] * normal, distance + lift)
 
     def measure(self, vertices: torch.Tensor) -> None:
         """Set the depth at vertices (T, N, 3), and leave the planes."""
@@ -79,17 +91,17 @@ class Contact:
         self.depth = collision_loss(near.distance, margin_m=self._margin)
 
     def _raise_planes(self, surface: SurfaceContact, vertices: torch.Tensor, distance: torch.Tensor) -> None:
-        """Raise planes so that the cloth between vertices (T, N, 3), once these are on or above them, is outside."""
-        lift = (self._margin - distance).clamp(min=0) * self._loose
-        outside, moved = vertices + lift[..., None] * self.normal, None
-        for _ in range(_RAISINGS):
-            contacts = surface.find(outside, distance + lift, moved)
-            if contacts is None:
-                break
-            step = contacts.lifts(outside, self._loose, torch.zeros_like(outside))
-            outside, moved = outside + step, (step != 0).any(-1)
-            height = (self.normal * outside).sum(-1)
-            self.offset.copy_(torch.where(moved, torch.maximum(self.offset, height), self.offset))
+        """Raise planes so that the cloth between vertices (T, N, 3) that are on or above them is outside.
+
+        To where it is, whatever heights the vertices around have, if it is so far from the obstacle as they all are;
+        but no vertex higher than the least move that brings it out.
+        """
+        contacts = surface.find(vertices, distance)
+        if contacts is None:
+            return
+        step = contacts.lifts(vertices, self._loose, torch.zeros_like(vertices))
+        height = torch.minimum(contacts.even_heights(distance), distance + (step * self.normal).sum(-1))
+        self.offset += (height - self._margin).clamp(min=0) * self._loose
 
 
 class ConstrainedStep:

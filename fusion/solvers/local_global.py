@@ -81,6 +81,7 @@ class LocalGlobalSolver:
                 every_steps=config.sdf_every_iterations,
                 surface=problem.surface,
                 loose=self._loose,
+                topology=self._topology,
             )
         limits = config.normal_iterations, config.normal_tolerance
         return self._descend(problem, self._normal_weights, self._normal_system, limits, contact)

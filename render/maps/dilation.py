@@ -63,8 +63,7 @@ def dilate(
     if guide is not None and (np.ndim(guide) != 4 or guide.shape[:3] != trusted.shape):
         raise InputError(f"dilate: the guide must have shape ({trusted.shape}, G), found {np.shape(guide)}")
     unit = 1.0 if guide is None else _step(guide)
-    if erode:
-        trusted = _eroded(trusted, erode, None if guide is None else _jumps(guide, _JUMP * unit))
+    trusted = trusted_pixels(trusted, erode=erode, guide=guide)
     away = np.stack([_distance(view) for view in trusted])
     wanted = ~trusted & (away <= (np.inf if pixels is None else pixels))
     if guide is None:
@@ -73,6 +72,14 @@ def dilate(
         known = np.isfinite(guide).all(-1)
         entries = _on_the_template(guide / unit, trusted & known, wanted & known)
     return _applied(images, *entries)
+
+
+def trusted_pixels(mask: np.ndarray, *, erode: int, guide: np.ndarray | None = None) -> np.ndarray:
+    """The pixels from which `dilate` grows: (S, H, W) bool, the mask less what it does not trust."""
+    if not erode:
+        return mask
+    jumps = None if guide is None else _jumps(guide, _JUMP * _step(guide))
+    return _eroded(mask, erode, jumps)
 
 
 def surface_guide(imager: TemplateImager) -> np.ndarray:

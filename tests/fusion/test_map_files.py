@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from fusion import FusionConfig, FusionInputs, MapReading, MovingSurface, fuse, fuse_maps
-from fusion.map_files import _Grown, _MapReader, _weighted
+from fusion.grown_maps import GrownMaps
+from fusion.map_files import _MapReader, _weighted
 from render import InputError, MapFile, Mesh, PositionBox, TemplateImager
 from tests.helpers.example_meshes import two_triangles
 from tests.helpers.fusion_examples import inputs_of, true_maps
@@ -109,9 +110,9 @@ def test_values_are_grown_over_what_the_mask_lacks_and_what_is_eroded(imager):
     spoilt = images.copy()
     columns = np.flatnonzero(needed[0].any(0))
     spoilt[:, :, :, columns[[0, -1]]] = 77.0
-    grown = _Grown(imager, mask, 1)(spoilt)
+    grown = GrownMaps(imager, mask, 1)(spoilt)
     np.testing.assert_allclose(grown[:, needed], images[:, needed], atol=0.2 / 18)
-    assert _Grown(imager, mask, 0)(spoilt) is spoilt  # nothing to do
+    assert GrownMaps(imager, mask, 0)(spoilt) is spoilt  # nothing to do
 
 
 def test_a_pixel_that_the_mask_lacks_is_grown_over(imager):
@@ -124,13 +125,13 @@ def test_a_pixel_that_the_mask_lacks_is_grown_over(imager):
     spoilt = images.copy()
     spoilt[:, 0, row, column] = 77.0
     np.testing.assert_allclose(
-        _Grown(imager, lacking, 0)(spoilt)[:, needed], images[:, needed], atol=0.2 / 18
+        GrownMaps(imager, lacking, 0)(spoilt)[:, needed], images[:, needed], atol=0.2 / 18
     )
 
 
 def test_pixels_are_not_counted_below_zero(imager):
     with pytest.raises(InputError, match="erode is -1; pixels are counted from 0"):
-        _Grown(imager, imager.mask.numpy(), -1)
+        GrownMaps(imager, imager.mask.numpy(), -1)
 
 
 def test_only_pixels_of_the_template_make_a_file_weighted(imager):

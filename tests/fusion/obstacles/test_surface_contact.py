@@ -113,6 +113,13 @@ def test_vertices_do_not_move_towards_what_they_touch():
     assert (0.5 * lift[0, :2, 2]).sum().item() == pytest.approx(0.002, rel=1e-5)
 
 
+def test_a_point_is_out_if_all_its_corners_are_as_high_as_this():
+    """Halfway between vertices at 1 and 5 mm, 2 mm too low: 3 + 2 = 5 mm; the third has no part in it."""
+    height = torch.tensor([[0.001, 0.005, 0.03]])
+    even = one_contact([0.5, 0.5, 0.0], 0.002).even_heights(height)
+    np.testing.assert_allclose(even, [[0.005, 0.005, 0]], atol=1e-9)
+
+
 def test_cloth_outside_has_no_contacts_nor_has_what_has_no_surface():
     assert contacts_of(posed(ball(1)), Mesh(ball(1, 0.2).vertices, ball(1).faces)) is None
     assert contacts_of(HalfSpace(0.5), ONE) is None

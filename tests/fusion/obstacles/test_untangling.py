@@ -1,5 +1,7 @@
 """Cloth that passes through itself is taken apart: by hand-made tangles, and laws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -128,3 +130,18 @@ def test_a_fused_garment_does_not_pass_through_itself_with_self_contact(solver):
     assert apart.report["self_crossing_percent"] == 0
     assert "self_contact" in apart.report["stage_seconds"]
     assert "self_contact" not in without.report["stage_seconds"]
+
+
+def test_frames_that_cross_only_once_they_are_smoothed_are_taken_apart_too():
+    """Seven frames in which the upper sheet is above the lower one and below it by turns: halfway, its dent crosses."""
+    above, below = tangled(dip=0.0, apart=0.035), tangled(dip=0.03, apart=-0.033)
+    start = torch.cat([above, below] * 3 + [above])
+    assert count(start) == [0] * 7
+    inputs = replace(inputs_of(initial=start), fps=30.0)
+    crossing, apart = (
+        fuse(imager_of(MESH), inputs, FusionConfig(smooth_time_s=0.5, self_contact=contact)).vertices
+        for contact in (False, True)
+    )
+    middle = slice(2, 5)
+    assert min(count(torch.from_numpy(crossing))[middle]) > 0
+    assert count(torch.from_numpy(apart))[middle] == [0] * 3

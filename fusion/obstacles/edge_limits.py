@@ -1,0 +1,79 @@
+"""Edges that a clean-up has made too long, shortened again by what is around them."""
+
+from __future__ import annotations
+
+import torch
+
+from fusion.topology import Topology
+
+# Edges get no longer than this multiple of their rest length, or than they were where that is more.
+_LONGEST = 1.05
+# Sweeps over the edges, in each of which a vertex moves by the mean that its too long edges ask for, times the second.
+_SWEEPS, _OVER = 10, 1.5
+
+
+class EdgeLimits:
+    """What edges may measure at most: as much as at the start, or a little more than at rest.
+
+    Args:
+        vertices: (T, N, 3) metres, at the start.
+        topology: of the garment.
+        loose: (N,) bool, vertices that may move.
+    """
+
+    def __init__(self, vertices: torch.Tensor, topology: Topology, loose: torch.Tensor) -> None:
+        self._start, self._loose = vertices, loose
+        self._edges = torch.from_numpy(topology.edges).to(vertices.device)
+        self._rest = topology.rest_lengths.to(vertices)
+
+    def excess(self, vertices: torch.Tensor) -> torch.Tensor:
+        """(T,) the largest length of an edge over its limit, less 1; 0 where none is too long."""
+        moved = (vertices != self._start).any(-1)
+        frame, ends, longest = self._limited(moved)
+        ratio = _lengths(vertices.reshape(-1, 3), ends) / longest.clamp(min=1e-12) - 1
+        return vertices.new_zeros(len(vertices)).scatter_reduce(0, frame, ratio, "amax")
+
+    def kept(self, vertices: torch.Tensor, walls: torch.Tensor, frames: torch.Tensor) -> torch.Tensor:
+        """Vertices (T, N, 3) with edges that are shorter where they were too long; the others as they are.
+
+        Args:
+            vertices: (T, N, 3) metres, moved since the start.
+            walls: (T, N, 3) unit vectors away from what a vertex touches, which it does not move against; 0 where that
+                is nothing.
+            frames: (T,) bool, which ones.
+        """
+        moved = (vertices != self._start).any(-1) & frames[:, None]
+        _, ends, longest = self._limited(moved)
+        numbers, ends = torch.unique(ends, return_inverse=True)
+        points, wall = vertices.reshape(-1, 3)[numbers], walls.reshape(-1, 3)[numbers]
+        loose = self._loose[numbers % vertices.shape[1]][:, None].to(points)
+        for _ in range(_SWEEPS):
+            step = loose * _pull(points, ends, longest)
+            points = points + step - (step * wall).sum(-1, keepdim=True).clamp(max=0) * wall
+        return vertices.reshape(-1, 3).index_copy(0, numbers, points).reshape(vertices.shape)
+
+    def _limited(self, moved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Edges at vertices `moved` (T, N): frames (K,), ends (K, 2) counted on over the frames, limits (K,)."""
+        first, second = self._edges.T
+        frame, edge = (moved[:, first] | moved[:, second]).nonzero(as_tuple=True)
+        ends = frame[:, None] * moved.shape[1] + self._edges[edge]
+        before = _lengths(self._start.reshape(-1, 3), ends)
+        return frame, ends, torch.maximum(before, _LONGEST * self._rest[edge])
+
+
+def _lengths(points: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
+    """(K,) metres between points (P, 3) by their numbers (K, 2)."""
+    lengths: torch.Tensor = torch.linalg.vector_norm(points[ends[:, 0]] - points[ends[:, 1]], dim=-1)
+    return lengths
+
+
+def _pull(points: torch.Tensor, ends: torch.Tensor, longest: torch.Tensor) -> torch.Tensor:
+    """(P, 3) what each point moves in a sweep."""
+    span = points[ends[:, 1]] - points[ends[:, 0]]
+    length = torch.linalg.vector_norm(span, dim=-1)
+    pull = (0.5 * (1 - longest / length.clamp(min=1e-12)).clamp(min=0))[:, None] * span
+    counted = torch.cat([pull, (length > longest)[:, None].to(pull)], -1)
+    total = points.new_zeros(len(points), 4)
+    total = total.index_add(0, ends[:, 0], counted)
+    total = total.index_add(0, ends[:, 1], counted * counted.new_tensor([-1.0, -1.0, -1.0, 1.0]))
+    return _OVER * total[:, :3] / total[:, 3:].clamp(min=1)
