@@ -303,7 +303,7 @@ class FrameSolver:
         places, normals = self._pixel_faces.places, inputs.maps.normals
         if normals is None:
             return None, None
-        target = safe_normalize(normals.flatten(1, 3)[:, places].to(self._device))
+        target = safe_normalize(normals.flatten(1, 3).index_select(1, places).to(self._device))
         confidence = self._confidence(inputs)
         return target, None if confidence is None else confidence.flatten(1)[:, places]
 
