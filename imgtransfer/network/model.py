@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
-from imgtransfer.network.history import earlier_steps, mixed, vertical
+from imgtransfer.network.history import History
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_maps
@@ -280,7 +280,7 @@ class Predictor:
             self._versions = model.versions(self._garment, self._mirror)
         else:
             self._tokens = model.encode_garment(self._garment)
-        self._history = None if self._body.view is None else _History(model.network.history_s, clip.fps)
+        self._history = None if self._body.view is None else History(model.network.history_s, clip.fps)
         of_another_shape = not same_template(clip, model.imager.mesh)
         self._rest = clip.template.vertices.astype(np.float64) if of_another_shape else None
 
@@ -329,33 +329,6 @@ class Predictor:
             earlier=torch.from_numpy(earlier).to(batch.device),
             up=torch.from_numpy(up).to(batch.device),
         )
-
-
-class _History:
-    """Carries the body's samples from one part of a clip to the next.
-
-    Args:
-        history_s: how long before each frame the body is shown, seconds. fps: of the clip.
-    """
-
-    def __init__(self, history_s: Sequence[float], fps: float) -> None:
-        self._steps = earlier_steps(history_s, fps)
-        self._kept = max((far for _, far, _ in self._steps), default=0)
-        self._last: np.ndarray | None = None
-
-    def __call__(self, samples: np.ndarray, frames: RootFrames) -> tuple[np.ndarray, np.ndarray]:
-        """(T, J, 3) world -> (T, L - 1, J, 3) of earlier times and (T, 3) the vertical, both in the canonical frames.
-
-        Before the clip's first frame the body stood as it does there.
-        """
-        before = np.repeat(samples[:1], self._kept, axis=0) if self._last is None else self._last
-        whole = np.concatenate([before, samples])
-        self._last = whole[len(whole) - self._kept :]
-        at = np.arange(len(samples)) + self._kept
-        earlier = np.empty((len(samples), len(self._steps), *samples.shape[1:]), np.float32)
-        for number, (near, far, weight) in enumerate(self._steps):
-            earlier[:, number] = frames.to_canonical(mixed(whole[at - near], whole[at - far], weight))
-        return earlier, vertical(frames)
 
 
 def _transfer_net(
