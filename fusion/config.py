@@ -48,7 +48,7 @@ class FusionConfig(BaseModel):
         "smaller fraction of it; much smaller ones draw the cloth to its edges' lengths and away from the maps.",
     )
     normal_tolerance: _Ratio = Field(
-        default=0.008,
+        default=0.007,
         ge=0,
         lt=1,
         description="Of `local_global`, no unit: the same for the second stage. Smaller ones follow the normal maps "
