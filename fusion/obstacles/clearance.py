@@ -131,7 +131,7 @@ def lift_clear(
 def _lift_vertices(
     cache: SdfCache, topology: Topology, *, clearance_m: float, rounds: int, loose: torch.Tensor
 ) -> int:
-    """Lift vertices that lack clearance, in so many rounds at most: how many it took."""
+    """Lift vertices `loose` (N,) or (T, N) that lack clearance, in so many rounds at most: how many it took."""
     for number in range(rounds):
         missing = (clearance_m - cache.distance) * loose
         if not bool((missing > 0).any()):
@@ -168,7 +168,10 @@ def _lift_between(
                 lift = followed(lift, topology, ~(lift != 0).any(-1) & loose)
             cache.move(before + lift)
             left = 1
-        _lift_vertices(cache, topology, clearance_m=clearance_m, rounds=left, loose=loose)
+        # Only those frames: what becomes of one must not depend on which others it is solved with.
+        touched = torch.zeros(len(before), dtype=torch.bool, device=before.device)
+        touched[contacts.frame] = True
+        _lift_vertices(cache, topology, clearance_m=clearance_m, rounds=left, loose=loose & touched[:, None])
         moved = (cache.vertices != before).any(-1)
     return rounds
 
@@ -190,7 +193,7 @@ def _shorten(
         if not bool(going.any()):
             break
         cache.move(limits.kept(cache.vertices, _walls(cache, clearance_m), going))
-        _lift_vertices(cache, topology, clearance_m=clearance_m, rounds=1, loose=loose)
+        _lift_vertices(cache, topology, clearance_m=clearance_m, rounds=1, loose=loose & going[:, None])
         moved = (cache.vertices != before).any(-1) & going[:, None]
         contacts = surface.find(cache.vertices, cache.distance, moved)
         out = ((cache.distance >= clearance_m) | ~clear).all(-1)

@@ -80,7 +80,9 @@ def lifted(
     upward = safe_normalize(cache.direction + torch.where(squeezed, cache.lifted_along, 0.0))
     slope = (upward * cache.direction).sum(-1, keepdim=True).clamp(min=1 / _LONGEST_STEP)
     lift = torch.where(ready, (missing + _MORE)[..., None] * upward / slope, 0.0)
-    cache.lifted_along = torch.where(ready, cache.direction, 0.0)
+    # A frame in which nothing is low waits for others: by itself it would not have got here.
+    waiting = ~low.any(-1)[:, None, None]
+    cache.lifted_along = torch.where(waiting, cache.lifted_along, torch.where(ready, cache.direction, 0.0))
     if follow:
         lift = followed(lift, topology, ~low & loose)
     vertices = cache.vertices + lift

@@ -114,11 +114,11 @@ class _Run:
         )
 
     def _restart(self) -> torch.Tensor:
-        """Ask where the obstacle is, leave it, and evaluate there."""
+        """Ask where the obstacle is, leave it, and evaluate there; frames that are finished stay as they are."""
         if self._contact is not None:
             self._contact.update_planes(self._constrained.vertices)
         self._constrained.length.zero_()
-        self._energy.activate(torch.ones_like(self._energy.active, dtype=torch.bool))
+        self._energy.activate(self._going)
         self._constrained.advance()
         terms = self._energy.evaluate()
         self._value = self._weighted(terms)

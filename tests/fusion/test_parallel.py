@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from fusion import BodySdf, fuse, parallel
+from fusion import BodySdf, FusionConfig, fuse, parallel
 from fusion.parallel import n_threads, one_torch_thread, run_all
 from fusion.solvers import energy_kernels
 from tests.helpers.fusion_examples import cylinder_body, imager_of, inputs_of, true_maps, tube, wrinkled
@@ -63,6 +63,22 @@ def test_each_frame_meets_its_own_body_on_every_thread(threads):
     found, want = (fused(count, **inputs) for count in (threads, 1))
     np.testing.assert_array_equal(found.vertices, want.vertices)
     assert found.report["penetration_percent"]["after"] == 0
+
+
+def test_a_frame_that_is_finished_stays_when_others_ask_again_where_the_body_is():
+    """It was put on the new planes and left there, so that what became of it hung on the frames beside it."""
+    positions, _ = true_maps(imager_of(tube()), wrinkled(tube(), 5))
+    body = cylinder_body(radius=0.16)
+    moved = np.stack([body.vertices + np.array([0.01 * k, 0, 0]) for k in range(5)])
+    config = FusionConfig(sdf_every_iterations=7)
+
+    def solved(frames: slice) -> np.ndarray:
+        inputs = inputs_of(positions=positions[frames], body=(moved[frames], body.faces))
+        return fuse(imager_of(tube()), inputs, config).vertices
+
+    together = solved(slice(0, 5))
+    for frame in range(5):
+        np.testing.assert_array_equal(solved(slice(frame, frame + 1))[0], together[frame])
 
 
 def test_a_fusion_that_fails_on_a_thread_fails_here(monkeypatch):
