@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import torch
@@ -71,9 +72,9 @@ class Trainer:
         self.init_mark = None if options.init is None else fingerprint(options.init)
         frames = (self.train_frames, self.validation_frames)
         self._outfits = {id(some): Outfits(self.model, some, mirrored=options.mirror) for some in frames}
-        # Both now: frames that do not suit the model must not stop the run later.
-        first = self._outfits[id(self.train_frames)][0], self._outfits[id(self.validation_frames)][0]
-        self.mirror = first[0].mirror
+        for clip in chain(*self.validation_frames.outfits):
+            self.model.check_garment(clip)  # now: one that is not the model's must not stop the run later
+        self.mirror = self._outfits[id(self.train_frames)][0].mirror
         if options.init is None:
             self._calibrate()
         self.model.mirrored_average = options.mirror
