@@ -65,13 +65,43 @@ class SmplConfig(Section):
         return self.model_copy(update={"betas": ()})
 
 
+MOST_BODIES = 10_000  # of one entry
+
+
+class DrawnBodies(Section):
+    """Random adults, one for each of the seeds from `seed` to `last_seed`."""
+
+    kind: Literal["drawn"] = Field("drawn", description="Bodies drawn at random.")
+    seed: int = Field(0, ge=0, lt=2**63, description="Of the first body.")
+    last_seed: int = Field(ge=0, lt=2**63, description="Of the last body.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> DrawnBodies:
+        if self.last_seed < self.seed:
+            raise ValueError(f"last_seed {self.last_seed} is less than seed {self.seed}")
+        if self.last_seed - self.seed >= MOST_BODIES:
+            raise ValueError(f"seeds {self.seed} to {self.last_seed} are more than {MOST_BODIES} bodies")
+        return self
+
+    def bodies(self) -> tuple[AnnyConfig, ...]:
+        """The bodies, by seed."""
+        return tuple(AnnyConfig(seed=seed) for seed in range(self.seed, self.last_seed + 1))
+
+
 def _kind(value: Any) -> str:
-    """The discriminator of `BodyConfig`; a body without a kind is Anny."""
+    """The discriminator of bodies' settings; a body without a kind is Anny."""
     return str(value.get("kind", "anny") if isinstance(value, dict) else getattr(value, "kind", value))
 
 
 BodyConfig = Annotated[
     Annotated[AnnyConfig, Tag("anny")] | Annotated[SmplConfig, Tag("smpl")], Discriminator(_kind)
+]
+# What a list of bodies may hold.
+ListedBodies = Annotated[
+    Annotated[AnnyConfig, Tag("anny")]
+    | Annotated[SmplConfig, Tag("smpl")]
+    | Annotated[DrawnBodies, Tag("drawn")],
+    Discriminator(_kind),
 ]
 
 

@@ -178,8 +178,8 @@ class TemplateConfig(MeshFile):
         return self.name or valid_clip_name(self.path.stem, "").partition("/")[0]
 
 
-def _kind(value: Any) -> str:
-    """The discriminator of `GarmentConfig`; a garment without a kind is a T-shirt."""
+def garment_kind(value: Any) -> str:
+    """The discriminator of garments' settings; a garment without a kind is a T-shirt."""
     return str(value.get("kind", "tshirt") if isinstance(value, dict) else getattr(value, "kind", value))
 
 
@@ -190,7 +190,7 @@ GarmentConfig = Annotated[
     | Annotated[TrousersConfig, Tag("trousers")]
     | Annotated[SkirtConfig, Tag("skirt")]
     | Annotated[TemplateConfig, Tag("template")],
-    Discriminator(_kind),
+    Discriminator(garment_kind),
 ]
 
 

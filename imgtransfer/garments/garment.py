@@ -170,7 +170,7 @@ def _check(mesh: Mesh, figure: Figure, config: MadeConfig) -> None:
     elif (clearance := _distance(mesh.vertices, figure.vertices, figure.faces).min()) < CLEARANCE:
         result = f"cloth that starts {1000 * clearance:.1f} mm from the body ({1000 * CLEARANCE:.0f} mm are needed)"
     if result:
-        sizes = config.model_dump(exclude={"kind"}, exclude_defaults=True) or "by default"
+        sizes = config.model_dump(exclude={"kind", "name"}, exclude_defaults=True) or "by default"
         raise InputError(
             f"{config.kind}: the sizes {sizes} give {result}, where one piece with {', '.join(wanted)} is wanted on "
             "this body; use a smaller edge_length, less ease or flare, or lengths nearer to the defaults"

@@ -8,6 +8,8 @@ each other, as the body's tokens and the garment's are those of all views.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 
@@ -116,11 +118,11 @@ class LocalTransferNet(nn.Module):
         return image.unflatten(0, (-1, views)).to(torch.float32)
 
     @torch.no_grad()
-    def calibrate(self, local: Tensor, covered: Tensor) -> None:
+    def calibrate(self, typical: Sequence[Tensor]) -> None:
         """Take the features' scale at each place and time from typical frames.
 
         Args:
-            local: (B, S, rows, columns, K + 1, L, 3). covered: (S, rows, columns) bool.
+            typical: of each outfit (B, P, K + 1, L, 3), what its patches with cloth are told; all numbers count alike.
         """
-        typical = local[:, covered].square().mean((0, 1, 4)).sqrt()
-        self.scale.copy_(typical.clamp(min=LEAST_SCALE_M)[..., None])
+        squared = torch.cat([told.square().mean(-1).flatten(0, 1) for told in typical]).mean(0)
+        self.scale.copy_(squared.sqrt().clamp(min=LEAST_SCALE_M)[..., None])

@@ -57,7 +57,7 @@ class Prediction:
 
 
 class TransferModel(nn.Module):
-    """f_p and f_n of equation 2 for one garment.
+    """f_p and f_n of equation 2 for one garment, or for any (`general`).
 
     Args:
         maps: how meshes become images.
@@ -67,6 +67,9 @@ class TransferModel(nn.Module):
         body: the rest body that wears the template. With it the model knows clips of the same garment on other
             shapes of this body: all are imaged through this template and this body, whose projections show the same
             points of either in every shape. None: the model is for the template's shape alone.
+        general: whether the networks dress any garment on any body: clips are then imaged through their own
+            (`dressed`), and `template` and `body` are only the first that the networks were trained on.
+        networks: both, made already; new ones if None.
 
     Raises:
         InputError: the map size does not suit the encoder's patch.
@@ -84,9 +87,13 @@ class TransferModel(nn.Module):
         template: Mesh,
         box: PositionBox,
         body: Mesh | None = None,
+        general: bool = False,
+        networks: tuple[LocalTransferNet | TransferNet, LocalTransferNet | TransferNet] | None = None,
     ) -> None:
         super().__init__()
-        self.body = body
+        if general and network.body != "local":
+            raise InputError("network.body is images, whose networks know one garment; several need local")
+        self.body, self.general, self.asked = body, general, maps
         self.source = "the model"  # what messages call it
         self.mirrored_average = False  # whether predictions are means with those of the mirrored scene
         self.imager = TemplateImager.build(template, views=maps.views, size=maps.size, layers=maps.layers)
@@ -94,8 +101,8 @@ class TransferModel(nn.Module):
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
         views = tuple(camera.name for camera in self.imager.cameras if camera.layer == 0)
         self.maps, self.network, self.box = maps.model_copy(update={"views": views}), network, box
-        self.position_net = _transfer_net(network, maps.size, images)
-        self.normal_net = _transfer_net(network, maps.size, images)
+        made = networks or tuple(_transfer_net(network, maps.size, images) for _ in range(2))
+        self.position_net, self.normal_net = made
         vertices = torch.as_tensor(template.vertices, dtype=torch.float32)[None]
         garment = ImagePair.encode(*metric_maps(self.imager, vertices), self.imager.mask, box)
         # Buffers, so that they move with the networks; made again from the template, so not stored.
@@ -111,6 +118,25 @@ class TransferModel(nn.Module):
     def garment(self) -> ImagePair:
         """The template's images, (1, S, H, W, 3)."""
         return ImagePair(self.garment_positions, self.garment_normals)
+
+    def dressed(self, clip: Clip) -> TransferModel:
+        """The model for a clip's garment and body: itself, or if it is general, its networks with those of the clip.
+
+        Its position box is the general model's, that of all garments trained on; nothing is cut off outside.
+        """
+        if not self.general:
+            return self
+        template = Mesh(clip.template.vertices.astype(np.float64), clip.template.faces, clip.name)
+        worn = TransferModel(
+            maps=self.asked,
+            network=self.network,
+            template=template,
+            box=self.box,
+            body=Mesh(clip.body.rest.astype(np.float64), clip.body.faces, clip.name),
+            networks=(self.position_net, self.normal_net),
+        )
+        worn.source, worn.mirrored_average = self.source, self.mirrored_average
+        return worn.train(self.training).to(self.device)
 
     def body_imager(self, *clips: Clip) -> BodyImager:
         """Images the bodies of clips as this model needs it.
@@ -136,7 +162,12 @@ class TransferModel(nn.Module):
         )
 
     def check_garment(self, clip: Clip) -> None:
-        """Raise InputError unless the clip's garment is the model's, in its own shape or another (`check_clip`)."""
+        """Raise InputError unless the clip's garment is the model's, in its own shape or another (`check_clip`).
+
+        That of a general model is any.
+        """
+        if self.general:
+            return
         check_clip(clip, self.imager.mesh, self.body)
 
     def forward(
@@ -176,14 +207,18 @@ class TransferModel(nn.Module):
             encode_normals(guess.normals + guess.turn(NORMAL_RESIDUAL * normals)),
         )
 
-    def calibrate(self, typical: BodyMaps, garment: Garment) -> None:
-        """Let parts that need it take their statistics from maps of typical frames."""
-        images = typical.images
-        for network, image in ((self.position_net, images.positions), (self.normal_net, images.normals)):
+    def calibrate(self, typical: Sequence[tuple[BodyMaps, Garment]]) -> None:
+        """Let parts that need it take their statistics from maps of typical frames, of each outfit with its template.
+
+        Networks that are shown the body's images know one garment, and take the first.
+        """
+        body, _ = typical[0]
+        for network, image in (
+            (self.position_net, body.images.positions),
+            (self.normal_net, body.images.normals),
+        ):
             if isinstance(network, LocalTransferNet):
-                assert isinstance(garment, TemplateView)
-                assert typical.local is not None
-                network.calibrate(typical.local, garment.covered[0])
+                network.calibrate([_covered(maps, garment) for maps, garment in typical])
             elif network.pose_code is not None:
                 network.pose_code.calibrate(image)
 
@@ -271,7 +306,7 @@ class Predictor:
 
     @torch.no_grad()
     def __init__(self, model: TransferModel, clip: Clip) -> None:
-        self._model = model
+        self._model = model = model.dressed(clip)
         self._body = model.body_imager(clip)
         self._garment = model.seen(self._body)
         self._mirror: Mirror | None = None
@@ -329,6 +364,13 @@ class Predictor:
             earlier=torch.from_numpy(earlier).to(batch.device),
             up=torch.from_numpy(up).to(batch.device),
         )
+
+
+def _covered(maps: BodyMaps, garment: Garment) -> Tensor:
+    """(B, P, K + 1, L, 3): what the P patches with cloth are told in some frames."""
+    assert isinstance(garment, TemplateView)
+    assert maps.local is not None
+    return maps.local[:, garment.covered[0]]
 
 
 def _transfer_net(

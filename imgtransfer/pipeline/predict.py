@@ -105,8 +105,8 @@ def save_prediction(
             prediction = predictor(clip)
             add_maps(_map_file(prediction))
             if weights is None:
-                weights = InitialWeights(model.imager, _shape(prediction))
-            vertices = weights(model.imager.sample(prediction.metres())).numpy()
+                weights = InitialWeights(prediction.imager, _shape(prediction))
+            vertices = weights(prediction.imager.sample(prediction.metres())).numpy()
             garment = clip.with_garment(prediction.frames.to_world(vertices))
             add_clip(replace(garment, info=made_anew(clip.info) | dict(record)))
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Annotated, Any
 
 from annotated_types import Unit
 from pydantic import ConfigDict, Field, model_validator
 
-from imgtransfer.bodies.config import AnnyConfig, BodyConfig
+from imgtransfer.bodies.config import AnnyConfig, BodyConfig, DrawnBodies, ListedBodies
 from imgtransfer.config.schema import (
     DependsOn,
     FramesPerSecond,
@@ -19,6 +20,7 @@ from imgtransfer.config.schema import (
     Section,
 )
 from imgtransfer.garments.config import GarmentConfig, TShirtConfig
+from imgtransfer.garments.drawn import DrawnGarments, ListedGarments, interleaved
 from imgtransfer.simulation.fabrics import FABRICS, Fabric
 from imgtransfer.simulation.motion_config import FileMotions, LibraryMotion, SequenceFiles
 from render.limits import FASTEST, SLOWEST
@@ -159,10 +161,10 @@ class SimulateConfig(Section):
     fps: FramesPerSecond = Field(30.0, ge=SLOWEST, le=FASTEST, description="Of the clips.")
     body: BodyConfig = Field(AnnyConfig(), description="The body.")
     garment: GarmentConfig = Field(TShirtConfig(), description="The garment.")
-    bodies: tuple[BodyConfig, ...] = Field(
+    bodies: tuple[ListedBodies, ...] = Field(
         (), description="Several in place of `body`: worn by these in turn, or by every one (`every_body`)."
     )
-    garments: tuple[GarmentConfig, ...] = Field(
+    garments: tuple[ListedGarments, ...] = Field(
         (), description="Several in place of `garment`: every motion in each of them, or in them in turn."
     )
     every_garment: bool = Field(
@@ -195,23 +197,50 @@ class SimulateConfig(Section):
 
     @model_validator(mode="after")
     def _garments_known(self) -> SimulateConfig:
-        there = [garment.title for garment in self.garments or (self.garment,)]
+        there = [garment.title for garment in self.wardrobe()]
+        twice = sorted({title for title in there if there.count(title) > 1})
+        if twice:
+            raise ValueError(f"garments: two are called {twice[0]}; give them a `name` each")
         for clips in self.clips:
             for name in clips.garments:
                 if name not in there:
                     raise ValueError(f"clips.garments: {name} is none of the garments {', '.join(there)}")
         return self
 
-    def singles(self, number: int) -> list[SimulateConfig]:
-        """The configurations, of one garment and body each, that motion `number` (from 0) is simulated with."""
-        bodies = self.bodies or (self.body,)
-        garments = self.garments or (self.garment,)
+    def wardrobe(self) -> tuple[GarmentConfig, ...]:
+        """The garments that motions are simulated in, in the order of their turns."""
+        return interleaved(self.garments or (self.garment,))
+
+    def drawn(self) -> frozenset[str]:
+        """The titles of those that were drawn at random."""
+        draws = [entry.garments() for entry in self.garments if isinstance(entry, DrawnGarments)]
+        return frozenset(garment.title for garments in draws for garment in garments)
+
+    def wearers(self) -> tuple[BodyConfig, ...]:
+        """The bodies that wear them, in the order of their turns."""
+        several = [
+            entry.bodies() if isinstance(entry, DrawnBodies) else (entry,)
+            for entry in self.bodies or (self.body,)
+        ]
+        return tuple(body for bodies in several for body in bodies)
+
+    def singles(self, number: int, names: Collection[str] = ()) -> list[SimulateConfig]:
+        """The configurations, of one garment and body each, that motion `number` (from 0) is simulated with.
+
+        Args:
+            names: of the garments that it may be simulated in; all of them if empty.
+        """
+        turns = [(number + turn, garment) for turn, garment in enumerate(self.wardrobe())]
+        turns = [(turn, garment) for turn, garment in turns if not names or garment.title in names]
         if not self.every_garment:
-            garments = (garments[number % len(garments)],)
+            # Once all garments had their turn, each gets other bodies than before.
+            rounds, place = divmod(number, len(turns))
+            turns = [(number + rounds, turns[place][1])]
+        bodies = self.wearers()
         several = {"bodies": (), "garments": (), "every_body": False, "every_garment": True}
         chosen = []
-        for turn, garment in enumerate(garments):
-            worn_by = bodies if self.every_body else (bodies[(number + turn) % len(bodies)],)
+        for turn, garment in turns:
+            worn_by = bodies if self.every_body else (bodies[turn % len(bodies)],)
             chosen += [
                 self.model_copy(update={"garment": garment, "body": body, **several}) for body in worn_by
             ]

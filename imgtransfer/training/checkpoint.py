@@ -30,7 +30,8 @@ def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32
     """Write a model whole or not at all.
 
     The file's header holds, as JSON, the format and its version, both configurations and the position box;
-    the template and its body are stored as tensors beside the weights.
+    the template and its body are stored as tensors beside the weights. A general model's header says so, and has the
+    views as they were asked for, so that each template gets its own cameras.
 
     Args:
         path: a .safetensors file.
@@ -54,7 +55,8 @@ def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32
     header = {
         "format": MODEL_FORMAT,
         "format_version": FORMAT_VERSION,
-        "maps": model.maps.model_dump(mode="json"),
+        "general": model.general,
+        "maps": (model.asked if model.general else model.maps).model_dump(mode="json"),
         "network": model.network.model_dump(mode="json"),
         "box_lo": model.box.lo.tolist(),
         "box_hi": model.box.hi.tolist(),
@@ -92,11 +94,14 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
         )  # models made before it was recorded have none
         if not isinstance(mirrored_average, bool):
             raise TypeError(f"mirrored_average is {mirrored_average!r}, and true or false is wanted")
+        general = header.get("general", False)  # the same
+        if not isinstance(general, bool) or (general and network.body != "local"):
+            raise TypeError(f"general is {general!r} with body: {network.body}")
     # pydantic's ValidationError is a ValueError
     except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise InputError(f"{path}: not a model that this version can read ({said_by(error)})") from error
     _check_shapes(network, maps, tensors, path)
-    model = TransferModel(maps=maps, network=network, template=template, box=box, body=body)
+    model = TransferModel(maps=maps, network=network, template=template, box=box, body=body, general=general)
     load_weights(model, tensors, path)
     model.source, model.mirrored_average = str(path), mirrored_average
     return model.eval().to(device)

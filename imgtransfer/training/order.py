@@ -8,6 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+PACK = 4  # frames of one outfit that follow each other
+
 
 class Order:
     """Which frames a step sees: all once in random order, then all again in another.
@@ -21,14 +23,26 @@ class Order:
         chunks: numbers of frames that lie together, in order. With them an epoch takes the chunks in random order, and
             mixes the frames of neighbouring ones: good for data that do not fit into memory.
         window: frames, of that order of chunks, that are mixed.
+        groups: the frames of each outfit, int64, in place of chunks. With them an epoch takes `PACK` frames of one
+            outfit after another, in random order, so that a step encodes few templates.
+        together: outfits that are mixed; an epoch takes so many at a time, in random order.
     """
 
     def __init__(
-        self, n_frames: int, batch: int, seed: int, *, chunks: Sequence[int] | None = None, window: int = 1
+        self,
+        n_frames: int,
+        batch: int,
+        seed: int,
+        *,
+        chunks: Sequence[int] | None = None,
+        window: int = 1,
+        groups: Sequence[Tensor] | None = None,
+        together: int = 1,
     ) -> None:
         self.n_frames, self.batch, self.seed = n_frames, batch, seed
         self._chunks = None if chunks is None else torch.arange(n_frames).split(list(chunks))
         self._window = window
+        self._groups, self._together = groups, together
         self._epochs: dict[int, Tensor] = {}
 
     def frames(self, step: int) -> Tensor:
@@ -53,12 +67,25 @@ class Order:
         return self._epochs[epoch]
 
     def _permutation(self, generator: torch.Generator) -> Tensor:
+        if self._groups is not None:
+            return self._packed(self._groups, generator)
         if self._chunks is None:
             return torch.randperm(self.n_frames, generator=generator)
         walk = torch.randperm(len(self._chunks), generator=generator)
         frames = torch.cat([self._chunks[chunk] for chunk in walk.tolist()])
         mixed = [part[torch.randperm(len(part), generator=generator)] for part in frames.split(self._window)]
         return torch.cat(mixed)
+
+    def _packed(self, groups: Sequence[Tensor], generator: torch.Generator) -> Tensor:
+        walk = torch.randperm(len(groups), generator=generator)
+        order: list[Tensor] = []
+        for some in walk.split(self._together):
+            packs: list[Tensor] = []
+            for group in some.tolist():
+                frames = groups[group]
+                packs += frames[torch.randperm(len(frames), generator=generator)].split(PACK)
+            order += [packs[number] for number in torch.randperm(len(packs), generator=generator).tolist()]
+        return torch.cat(order)
 
     def _generator(self, stream: int) -> torch.Generator:
         return torch.Generator().manual_seed(

@@ -18,25 +18,30 @@ from imgtransfer.network.shapes import misfit, same_faces
 from imgtransfer.training.order import Order
 from render import InputError, Mesh
 
+# Outfits that an epoch mixes: what is constant for each takes some tens of megabytes, and twice as many are kept.
+OUTFITS_TOGETHER = 32
+
 
 class Frames:
-    """The frames of clips of one garment, in the canonical frame, read when they are needed.
+    """The frames of clips, in the canonical frame, read when they are needed.
 
-    Garment and body may come in several shapes: faces are the same in all clips, templates and rest bodies need not be.
+    Garment and body of an outfit may come in several shapes: faces are the same in all its clips, templates and rest
+    bodies need not be.
 
     Args:
         readers: the clips.
         root: what of the root's motion the canonical frame removes.
+        several: whether the clips may be of several outfits.
         history_s: how long before each frame `earlier` gives the body as well, seconds.
         cache_bytes: memory for frames that have been read. Data that fit are read once; of larger data `order` shuffles
             neighbouring parts, so that each chunk of frames is read about once an epoch.
 
     Raises:
-        InputError: a clip without garment vertices, or with a garment or body that is not the first's in its own or
-            another shape.
+        InputError: a clip without garment vertices, or, unless `several`, with a garment or body that is not the
+            first's in its own or another shape.
 
     Attributes:
-        shapes: one frame of the first clip in each shape; the very first clip's is the first.
+        outfits: of each one frame of the first clip in each shape, in the order of the clips.
     """
 
     def __init__(
@@ -45,12 +50,14 @@ class Frames:
         root: RootMode,
         cache_bytes: int = 2**33,
         *,
+        several: bool = False,
         history_s: Sequence[float] = (),
     ) -> None:
-        self._root = root
-        self.shapes: list[Clip] = []
-        known: dict[bytes, int] = {}
-        shape_of = np.array([self._shape(reader.clip(0, 1), known) for reader in readers])
+        self._root, self._several = root, several
+        self.outfits: list[list[Clip]] = []
+        known: dict[bytes, tuple[int, int]] = {}
+        # (clips, 2): which outfit, and which of its shapes.
+        kind_of = np.array([self._kind(reader.clip(0, 1), known) for reader in readers])
         self._cache = FrameCache(readers, self._canonical, cache_bytes)
         self._cache_bytes = cache_bytes
         chunks = np.array(self._cache.chunks)
@@ -59,8 +66,9 @@ class Frames:
         lengths = chunks[:, 2] - chunks[:, 1]
         # (frames, L - 1, 3): near, far, weight of the second.
         self._steps = np.repeat(np.array(steps).reshape(len(readers), -1, 3)[chunks[:, 0]], lengths, axis=0)
-        self._shape_of_frame = np.repeat(shape_of[chunks[:, 0]], lengths)
-        self._bytes_per_frame = 12 * (len(self.first.template.vertices) + len(self.first.body.rest))
+        self._outfit_of_frame, self._shape_of_frame = np.repeat(kind_of[chunks[:, 0]], lengths, axis=0).T
+        firsts = [shapes[0] for shapes in self.outfits]
+        self._bytes_per_frame = 12 * max(len(clip.template.vertices) + len(clip.body.rest) for clip in firsts)
 
     @classmethod
     def from_clips(cls, clips: Sequence[Clip], root: RootMode, *, history_s: Sequence[float] = ()) -> Frames:
@@ -75,8 +83,18 @@ class Frames:
         """One frame of the first clip."""
         return self.shapes[0]
 
+    @property
+    def shapes(self) -> list[Clip]:
+        """The first outfit's, which are all where there is one."""
+        return self.outfits[0]
+
+    def by_outfit(self, index: Tensor) -> list[tuple[int, Tensor]]:
+        """The outfits that frames `index` (B,) are of, ascending, each with the places in `index` that are of it."""
+        outfits = torch.from_numpy(self._outfit_of_frame[index.numpy()])
+        return [(int(number), (outfits == number).nonzero()[:, 0]) for number in outfits.unique()]
+
     def read(self, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Frames `index` (B,): garment (B, N, 3) and body (B, V, 3), float32, metres, and (B,) int64, which shape.
+        """Frames `index` (B,) of one outfit: garment (B, N, 3), body (B, V, 3), metres, and (B,) which shape.
 
         Raises:
             InputError: damaged data.
@@ -86,8 +104,9 @@ class Frames:
         return torch.from_numpy(garment), torch.from_numpy(body), shape
 
     def earlier(self, index: Tensor) -> tuple[Tensor, Tensor]:
-        """The bodies of frames `index` (B,) at the earlier times, and the vertical, in the frames' own canonical frame.
+        """The bodies of frames `index` (B,) of one outfit at the earlier times, and the vertical.
 
+        All are in the canonical frame of the frame itself.
         Before a clip's first frame the body stood as it does there.
 
         Returns:
@@ -115,16 +134,29 @@ class Frames:
         body, rotation, translation = self._cache.frames(numbers, slice(1, 4))
         return RootFrames(rotation, translation).to_world(body).astype(np.float64)
 
-    def _shape(self, clip: Clip, known: dict[bytes, int]) -> int:
-        """The number of the clip's shape; a new one is checked, and added to `shapes` and `known`."""
-        first = self.shapes[0] if self.shapes else clip
-        _check_same(clip, first)
-        key = clip.template.vertices.tobytes() + clip.body.rest.tobytes()
+    def _kind(self, clip: Clip, known: dict[bytes, tuple[int, int]]) -> tuple[int, int]:
+        """The numbers of the clip's outfit and shape; new ones are checked, and added to `outfits` and `known`."""
+        if clip.garment is None:
+            raise InputError(f"{clip.name}: no garment_vertices; training needs the deformed garment")
+        meshes = (clip.template.vertices, clip.body.rest, clip.template.faces, clip.body.faces)
+        key = b"".join(part.tobytes() for part in meshes)
         if key not in known:
-            _check_shape(clip, first)
-            known[key] = len(self.shapes)
-            self.shapes.append(clip)
+            number = self._outfit(clip)
+            known[key] = (number, len(self.outfits[number]))
+            self.outfits[number].append(clip)
         return known[key]
+
+    def _outfit(self, clip: Clip) -> int:
+        """Which outfit a clip's is in another shape; a new one where there may be several."""
+        if not self._several and self.outfits:
+            _check_same(clip, self.first)
+            _check_shape(clip, self.first)
+            return 0
+        for number, shapes in enumerate(self.outfits):
+            if _same(clip, shapes[0]) and _misfit(clip, shapes[0]) is None:
+                return number
+        self.outfits.append([])
+        return len(self.outfits) - 1
 
     def garment_bounds(self) -> np.ndarray:
         """(2, 3): the least and the greatest coordinates of the garment in any frame. Reads all of them."""
@@ -147,8 +179,17 @@ class Frames:
         return self._cache.reads
 
     def order(self, batch: int, seed: int) -> Order:
-        """The order that training sees the frames in: fully random if they fit into the cache."""
+        """The order that training sees the frames in: fully random if they fit into the cache.
+
+        Those of several outfits a few frames of one after another, and as many outfits as are kept mixed.
+        """
         if len(self) * self._bytes_per_frame <= self._cache_bytes:
+            if len(self.outfits) > 1:
+                groups = [
+                    torch.from_numpy(np.flatnonzero(self._outfit_of_frame == number))
+                    for number in range(len(self.outfits))
+                ]
+                return Order(len(self), batch, seed, groups=groups, together=OUTFITS_TOGETHER)
             return Order(len(self), batch, seed)
         window = max(batch, int(self._cache_bytes / self._bytes_per_frame / 2))
         return Order(len(self), batch, seed, chunks=self._cache.lengths, window=window)
@@ -164,10 +205,15 @@ class Frames:
         return garment, body, frames.rotation, frames.translation
 
 
+def _same(clip: Clip, first: Clip) -> bool:
+    """Whether garment and body have the faces of the first's."""
+    return same_faces(clip.template.faces, first.template.faces) and same_faces(
+        clip.body.faces, first.body.faces
+    )
+
+
 def _check_same(clip: Clip, first: Clip) -> None:
-    """Raise InputError unless the clip has a garment in motion, and garment and body have the faces of the first's."""
-    if clip.garment is None:
-        raise InputError(f"{clip.name}: no garment_vertices; training needs the deformed garment")
+    """Raise InputError unless garment and body have the faces of the first's."""
     for key, faces, wanted in (
         ("garment_faces", clip.template.faces, first.template.faces),
         ("body_faces", clip.body.faces, first.body.faces),
@@ -175,12 +221,18 @@ def _check_same(clip: Clip, first: Clip) -> None:
         if not same_faces(faces, wanted):
             raise InputError(
                 f"{clip.name}: its {key} differ from those of {first.name}; one run trains on one garment and "
-                "one body, in any shapes; choose clips with data.train.names, such as [tshirt/*]"
+                "one body, in any shapes, unless network.body is local; choose clips with data.train.names, such as "
+                "[tshirt/*]"
             )
+
+
+def _misfit(clip: Clip, first: Clip) -> str | None:
+    """Why garment and body cannot be the first's in another shape; None where they can."""
+    template = Mesh(first.template.vertices, first.template.faces, first.name)
+    return misfit(clip, template, Mesh(first.body.rest, first.body.faces, first.name))
 
 
 def _check_shape(clip: Clip, first: Clip) -> None:
     """Raise InputError unless the clip's garment and body may be the first's in another shape."""
-    template = Mesh(first.template.vertices, first.template.faces, first.name)
-    if fault := misfit(clip, template, Mesh(first.body.rest, first.body.faces, first.name)):
+    if fault := _misfit(clip, first):
         raise InputError(f"{clip.name}: {fault} {first.name}; choose clips with data.train.names")

@@ -19,7 +19,7 @@ _OF_TRAINING_ALONE = frozenset({"dropout"})  # settings of the network that its 
 
 
 def new_model(config: RunConfig, frames: Frames) -> TransferModel:
-    """An untrained model of the garment in `frames`."""
+    """An untrained model of the garment in `frames`; a general one where there are several."""
     first = frames.first
     return TransferModel(
         maps=config.maps,
@@ -27,18 +27,31 @@ def new_model(config: RunConfig, frames: Frames) -> TransferModel:
         template=Mesh(first.template.vertices, first.template.faces, first.name),
         box=PositionBox.around(frames.garment_bounds()),
         body=Mesh(first.body.rest, first.body.faces, first.name),
+        general=len(frames.outfits) > 1,
     )
 
 
 def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferModel:
     """The model at `path`, to be trained further on `frames`.
 
-    It keeps its template, body and position box, so that images mean to it what they did.
+    It keeps its template, body and position box, so that images mean to it what they did; from a general model only the
+    networks are taken, to which every garment is as any other.
 
     Raises:
         InputError: no model, or one of another garment, other maps or another network than the run's.
     """
     known = load_model(path)
+    if known.general:
+        model = new_model(config, frames)
+        _check_settings("maps", known.asked, config.maps, path)
+        _check_settings("network", known.network, model.network, path)
+        model.load_state_dict(known.state_dict())
+        return model
+    if len(frames.outfits) > 1:
+        raise InputError(
+            f"{path}: this model was trained on one garment, and the run has {len(frames.outfits)}; choose clips with "
+            f"data.train.names, or leave out {Option('init')} to begin anew"
+        )
     _check_garment(known, frames.first, path)
     model = TransferModel(
         maps=config.maps, network=config.network, template=known.imager.mesh, box=known.box, body=known.body

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import torch
@@ -13,7 +14,7 @@ from imgtransfer.data.source import clip_refs
 from imgtransfer.network import map_errors, masked_l1
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
-from imgtransfer.network.mirror import Garment, Mirror, of_frames
+from imgtransfer.network.mirror import of_frames
 from imgtransfer.training.averaging import WeightAverage
 from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
@@ -30,6 +31,7 @@ from imgtransfer.training.checkpoint import (
 )
 from imgtransfer.training.config import ClipChoice, RunConfig
 from imgtransfer.training.optimizer import build_optimizer, learning_rate, moments, set_moments
+from imgtransfer.training.outfits import Outfit, Outfits
 from imgtransfer.training.precision import Workload, bfloat16_ratio, choose_precision
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.start import new_model, trained_model
@@ -68,16 +70,14 @@ class Trainer:
         else:
             self.model = trained_model(config, self.train_frames, options.init).to(self.device)
         self.init_mark = None if options.init is None else fingerprint(options.init)
-        self._bodies = {
-            id(f): self.model.body_imager(*f.shapes) for f in (self.train_frames, self.validation_frames)
-        }
-        garment = self._garment(self.train_frames)
+        frames = (self.train_frames, self.validation_frames)
+        self._outfits = {id(some): Outfits(self.model, some, mirrored=options.mirror) for some in frames}
+        for clip in chain(*self.validation_frames.outfits):
+            self.model.check_garment(clip)  # now: one that is not the model's must not stop the run later
+        self.mirror = self._outfits[id(self.train_frames)][0].mirror
         if options.init is None:
-            typical = self.train_frames.spread(CALIBRATION_FRAMES)
-            self.model.calibrate(self.batch(self.train_frames, typical)[0], garment)
-        self.mirror = self._mirror(self.train_frames) if options.mirror else None
+            self._calibrate()
         self.model.mirrored_average = options.mirror
-        self._shown = garment if self.mirror is None else self.mirror.both(garment)
         self.order = self.train_frames.order(options.batch_frames, options.seed)
         self.optimizer = build_optimizer(self.model, options)
         self._average = None if options.ema is None else WeightAverage(self.model, options.ema)
@@ -97,25 +97,21 @@ class Trainer:
         rate = learning_rate(options, self.step)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
-        body, truth = self.batch(self.train_frames, self.order.frames(self.step))
-        mask, mirrored = self.model.mask, None
-        if self.mirror is not None:
-            mirrored = self.order.coins(self.step).to(self.device)
-            body, truth = self.mirror.body(body, mirrored), self.mirror.garment(truth, mirrored)
-            mask = self.mirror.masks(mirrored)
+        index = self.order.frames(self.step)
+        mirrored = self.order.coins(self.step).to(self.device) if options.mirror else None
         self.model.train()
         if self.config.network.dropout:
             torch.manual_seed(self.order.step_seed(self.step))  # a resumed run draws the same
-        with self._autocast():
-            garment, tokens = self._shown, self.model.encode_garment(self._shown)
-            if mirrored is not None:
-                garment, tokens = of_frames((garment, tokens), mirrored)
-            predicted = self.model(body, garment=garment, tokens=tokens)
-        position_loss = masked_l1(predicted.positions, truth.positions, mask)
-        normal_loss = masked_l1(predicted.normals, truth.normals, mask)
         self.optimizer.zero_grad()
-        # The networks share no weight, so the sum trains each by its own loss (equation 3).
-        (position_loss + normal_loss).backward()
+        losses = {"position_loss": 0.0, "normal_loss": 0.0}
+        for number, places in self.train_frames.by_outfit(index):
+            coins = None if mirrored is None else mirrored[places.to(self.device)]
+            some = self._losses(number, index[places], coins)
+            fraction = len(places) / len(index)
+            # The networks share no weight, so the sum trains each by its own loss (equation 3).
+            (fraction * (some[0] + some[1])).backward()
+            for key, loss in zip(losses, some, strict=True):
+                losses[key] += fraction * loss.item()
         if options.gradient_clip is not None:
             for network in (self.model.position_net, self.model.normal_net):
                 nn.utils.clip_grad_norm_(network.parameters(), options.gradient_clip)
@@ -123,24 +119,43 @@ class Trainer:
         self.step += 1
         if self._average is not None:
             self._average.update(self.step)
-        return {
-            "position_loss": position_loss.item(),
-            "normal_loss": normal_loss.item(),
-            "learning_rate": rate,
-        }
+        return losses | {"learning_rate": rate}
+
+    def _losses(self, number: int, index: Tensor, mirrored: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Both losses of training frames `index` (B,) of outfit `number`, those where `mirrored` (B,) mirrored."""
+        outfit = self._outfits[id(self.train_frames)][number]
+        body, truth = self.batch(self.train_frames, index)
+        mask = outfit.model.mask
+        if outfit.mirror is not None:
+            assert mirrored is not None
+            body, truth = outfit.mirror.body(body, mirrored), outfit.mirror.garment(truth, mirrored)
+            mask = outfit.mirror.masks(mirrored)
+        with self._autocast():
+            garment, tokens = outfit.shown, outfit.model.encode_garment(outfit.shown)
+            if mirrored is not None:
+                garment, tokens = of_frames((garment, tokens), mirrored)
+            predicted = outfit.model(body, garment=garment, tokens=tokens)
+        return (
+            masked_l1(predicted.positions, truth.positions, mask),
+            masked_l1(predicted.normals, truth.normals, mask),
+        )
 
     @torch.no_grad()
     def batch(self, frames: Frames, index: Tensor) -> tuple[BodyMaps, ImagePair]:
-        """What the networks are shown of frames `index` (B,) int64, and the true images, (B, S, H, W, 3) each."""
+        """What the networks are shown of frames `index` (B,) int64 of one outfit, and the true images.
+
+        The images are (B, S, H, W, 3) each.
+        """
+        outfit = self._outfit(frames, index)
         garment, body_vertices, shape = frames.read(index)
-        imager, earlier, up = self._bodies[id(frames)], None, None
+        imager, earlier, up = outfit.imager, None, None
         if imager.view is not None:
             before, up = frames.earlier(index)
             up = up.to(self.device)
             earlier = imager.view.samples(before.to(self.device)) if before.shape[1] else None
         body = imager(body_vertices.to(self.device), shape.to(self.device), earlier=earlier, up=up)
-        positions, normals = metric_maps(self.model.imager, garment.to(self.device))
-        return body, ImagePair.encode(positions, normals, self.model.mask, self.model.box)
+        positions, normals = metric_maps(outfit.model.imager, garment.to(self.device))
+        return body, ImagePair.encode(positions, normals, outfit.model.mask, outfit.model.box)
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
@@ -154,43 +169,56 @@ class Trainer:
         self.model.eval()
         sums: dict[str, float] = {}
         index = self.validation_frames.spread(self.config.data.validation_frames)
-        for part in index.split(VALIDATION_BATCH):
-            body, truth = self.batch(self.validation_frames, part)
-            with self._autocast(), self._result():
-                predicted = self._predicted(body)
-            errors = map_errors(predicted, truth, self.model.mask, self.model.box)
-            if body.guess is not None:
-                guess = ImagePair.encode(
-                    body.guess.positions, body.guess.normals, self.model.mask, self.model.box
-                )
-                of_guess = map_errors(guess, truth, self.model.mask, self.model.box)
-                errors |= {f"guess_{key}": value for key, value in of_guess.items()}
-            for key, value in errors.items():
-                sums[key] = sums.get(key, 0.0) + value * len(part) / len(index)
+        for together in index.split(VALIDATION_BATCH):
+            for _, places in self.validation_frames.by_outfit(together):
+                part = together[places]
+                for key, value in self._errors(part).items():
+                    sums[key] = sums.get(key, 0.0) + value * len(part) / len(index)
         return sums
+
+    def _errors(self, index: Tensor) -> dict[str, float]:
+        """The same of validation frames `index` (B,) of one outfit."""
+        outfit = self._outfit(self.validation_frames, index)
+        mask, box = outfit.model.mask, outfit.model.box
+        body, truth = self.batch(self.validation_frames, index)
+        with self._autocast(), self._result():
+            predicted = self._predicted(outfit, body)
+        errors = map_errors(predicted, truth, mask, box)
+        if body.guess is not None:
+            guess = ImagePair.encode(body.guess.positions, body.guess.normals, mask, box)
+            errors |= {f"guess_{key}": value for key, value in map_errors(guess, truth, mask, box).items()}
+        return errors
+
+    @torch.no_grad()
+    def _calibrate(self) -> None:
+        """Let the networks take their statistics from frames spread over the training clips."""
+        index = self.train_frames.spread(CALIBRATION_FRAMES)
+        shown = []
+        for _, places in self.train_frames.by_outfit(index):
+            outfit = self._outfit(self.train_frames, index[places])
+            shown.append((self.batch(self.train_frames, index[places])[0], outfit.garment))
+        self.model.calibrate(shown)
 
     def _frames(self, choice: ClipChoice) -> Frames:
         data = self.config.data
         refs = clip_refs(data.source, split=choice.split, names=choice.names, exclude=choice.exclude)
         readers, root = [ref.reader() for ref in refs], self.config.maps.root
         history = self.config.network.history_s
-        return Frames(readers, root, int(data.cache_gb * 1e9), history_s=history)
+        several = self.config.network.body == "local"
+        return Frames(readers, root, int(data.cache_gb * 1e9), several=several, history_s=history)
 
-    def _garment(self, frames: Frames) -> Garment:
-        """The template as the networks see it."""
-        return self.model.seen(self._bodies[id(frames)])
+    def _outfit(self, frames: Frames, index: Tensor) -> Outfit:
+        """That of frames `index` (B,)."""
+        ((number, _),) = frames.by_outfit(index)
+        return self._outfits[id(frames)][number]
 
-    def _mirror(self, frames: Frames) -> Mirror:
-        return Mirror(self.model.imager, self.model.mask, self._bodies[id(frames)].mask, self.model.box)
-
-    def _predicted(self, body: BodyMaps) -> ImagePair:
+    def _predicted(self, outfit: Outfit, body: BodyMaps) -> ImagePair:
         """Images for maps of validation frames."""
-        garment = self._garment(self.validation_frames)
-        if not self.model.mirrored_average:
-            images: ImagePair = self.model(body, garment=garment)
+        if outfit.mirror is None:
+            images: ImagePair = outfit.model(body, garment=outfit.garment)
             return images
-        mirror = self._mirror(self.validation_frames)
-        return self.model.averaged(body, mirror, self.model.versions(garment, mirror))
+        versions = outfit.model.versions(outfit.garment, outfit.mirror)
+        return outfit.model.averaged(body, outfit.mirror, versions)
 
     def _result(self) -> AbstractContextManager[None]:
         """Within, the model has the weights that the run's result has: the averaged ones where they are averaged."""

@@ -21,10 +21,13 @@ def blocks(language):
 
 
 def test_the_recipe_can_be_simulated():
-    (recipe,) = blocks("yaml")
+    recipe, drawn = blocks("yaml")
     tasks = plan(SimulateConfig.model_validate(yaml.safe_load(recipe)))
     assert len(tasks) == 2 * 8 + 1  # eight runs in both garments, one kick in the skirt
     assert len({task.config.body for task in tasks}) == 3
+    config = SimulateConfig.model_validate(yaml.safe_load(drawn))
+    assert [garment.title for garment in config.wardrobe()][-1] == "tshirt-12"
+    assert len(config.wearers()) == 25
 
 
 @pytest.mark.parametrize("command", COMMANDS)

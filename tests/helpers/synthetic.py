@@ -42,16 +42,25 @@ def bending_weights(vertices: np.ndarray, height: float) -> np.ndarray:
     return np.stack([1 - upper, upper], -1).astype(np.float32)
 
 
-def tube_clip(frames: int = 6, *, name: str = "tube/bend", girth: float = 1.0, tall: float = 1.0) -> Clip:
+def tube_clip(
+    frames: int = 6,
+    *,
+    name: str = "tube/bend",
+    girth: float = 1.0,
+    tall: float = 1.0,
+    rings: int = 12,
+    sides: int = 14,
+) -> Clip:
     """The clip: the body bends sideways and walks off, the garment follows with a ripple that skinning lacks.
 
     The body has 128 vertices and 2 joints, the garment 192 vertices; each of them stays outside the body. `girth` and
-    `tall` scale both: the same garment on the same body in another shape.
+    `tall` scale both: the same garment on the same body in another shape. `rings` are the garment's, `sides` the
+    body's: others make another garment or body.
     """
     height = tall
-    body, body_faces = tube(0.15 * girth, height, 9, 14, closed=True)
+    body, body_faces = tube(0.15 * girth, height, 9, sides, closed=True)
     body_faces = body_faces.astype(np.int64)
-    garment, garment_faces = tube(0.19 * girth, 0.6 * tall, 12, 16, closed=False)
+    garment, garment_faces = tube(0.19 * girth, 0.6 * tall, rings, 16, closed=False)
     garment = garment + np.float32([0, 0.2 * tall, 0])
     time = np.arange(frames) / FPS
     poses = np.zeros((frames, 2, 3), np.float32)

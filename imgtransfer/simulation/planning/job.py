@@ -45,7 +45,8 @@ def simulate(
     """Simulate every task whose clip the data set at `out` neither holds yet nor lists as rejected.
 
     Each clip is written by the process that made it, whole or not at all; what was stopped, or failed, is done by the
-    next call. A rejected clip is listed in the data set, and made again only under other settings.
+    next call. A rejected clip is listed in the data set, and made again only under other settings; so is one whose
+    garment was drawn at random and cannot be made on its body.
 
     Args:
         out: folder or URL of the data set, made with the first clip; for a cluster one that all machines see.
@@ -126,9 +127,12 @@ def _make(job: _Job) -> _Made:
         return _Made(f"{task.name}: stands")
     try:
         clip = simulate_clip(task.motion, config)[0]
-    except Rejected as reason:
-        data.reject(task.name, str(reason), task.fingerprint())
-        return _Made(str(reason), rejected=str(reason))
+    except InputError as error:
+        if not (task.drawn or isinstance(error, Rejected)):
+            raise
+        reason = str(error) if isinstance(error, Rejected) else f"{task.name}: left out: {error}"
+        data.reject(task.name, reason, task.fingerprint())
+        return _Made(reason, rejected=reason)
     made = replace(clip, info=clip.info | {MADE: task.fingerprint()})
     data.write(task.name, made, split=task.split)
     return _Made(f"{task.name} ({task.split}): {clip.n_frames} frames, {clip.info['quality']}")

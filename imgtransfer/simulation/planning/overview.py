@@ -27,10 +27,16 @@ def summaries_of(tasks: Sequence[Task]) -> list[Summary]:
 def plan_lines(tasks: Sequence[Task], out: str | Path) -> Iterator[str]:
     """A line a clip: what it is called, how long it is, on what body, and whether `out` has it; and their number.
 
+    Before them a line for each garment that was drawn at random, with its sizes.
+
     Raises:
         InputError: `out` is something else than a data set, or cannot be written.
     """
     there, rejected = standing(tasks, out)
+    drawn = {task.config.garment.title: task.config.garment for task in tasks if task.drawn}
+    for title, garment in drawn.items():
+        sizes = garment.model_dump(exclude={"kind", "name", "detail"}, exclude_unset=True)
+        yield f"garment {title}: {', '.join(f'{name} {size:g}' for name, size in sizes.items())}"
     new = 0
     for task in tasks:
         state = "stands already" if task.name in there else "rejected before" if task.name in rejected else ""

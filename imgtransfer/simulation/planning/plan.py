@@ -85,15 +85,15 @@ def _of_motions(config: SimulateConfig, files: Sequence[MotionFile], frames: int
     ]
     for motion, stem in read_motions(files, config):
         motions.append((arms_out(motion, config.files.arms_out), config.files.split(motion.name, stem), ()))
+    drawn = config.drawn()
     for number, (motion, split, garments) in enumerate(motions):
         cut = replace(motion, poses=motion.poses[:frames], trans=motion.trans[:frames])
-        for single in config.singles(number):
-            if not garments or single.garment.title in garments:
-                yield Task(cut, split, single)
+        for single in config.singles(number, garments):
+            yield Task(cut, split, single, drawn=single.garment.title in drawn)
 
 
 def _of_sequences(config: SimulateConfig, folders: Sequence[Path], frames: int | None) -> Iterator[Task]:
-    for garment in config.garments or (config.garment,):
+    for garment in config.wardrobe():
         if folders and not isinstance(garment, TemplateConfig):
             raise InputError(f"{folders[0]}: {needs_template(garment)}")
     config = config.model_copy(update={"every_body": False})  # the configuration's bodies have no part in it

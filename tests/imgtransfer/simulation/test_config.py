@@ -22,7 +22,7 @@ def motion_file(path):
     return path
 
 
-@pytest.mark.parametrize("name", ["sample", "small", "full", "pretrain", "cmu"])
+@pytest.mark.parametrize("name", ["sample", "small", "full", "pretrain", "cmu", "general"])
 def test_the_committed_configurations_are_read(name):
     assert load_config(SimulateConfig, CONFIGS / f"{name}.yaml").fps == 30
 
@@ -78,6 +78,38 @@ clips: [{motion: walk, last_seed: 1, seconds: 1}]
     assert tasks[0].config.bodies == ()
     every = plan(load_config(SimulateConfig, written(tmp_path, text % "true")))
     assert len({task.name for task in every}) == 12
+
+
+def test_motions_take_garments_in_turn_and_other_bodies_in_the_next_round(tmp_path):
+    text = """
+garments: [{kind: drawn, of: skirt, draws: 2, length: [0.3, 0.6]}, {kind: dress}]
+every_garment: false
+bodies: [{}, {kind: drawn, seed: 1, last_seed: 2}]
+clips: [{motion: walk, last_seed: 3, seconds: 1}, {motion: kick, last_seed: 1, seconds: 1, garments: [skirt-02]}]
+"""
+    tasks = plan(load_config(SimulateConfig, written(tmp_path, text)))
+    # Turns: skirt-01, dress, skirt-02, and again with the body after the one of the first round.
+    assert {task.name for task in tasks} == {
+        *("skirt-01/walk_s0", "dress/walk_s1_anny1", "skirt-02/walk_s2_anny2", "skirt-01/walk_s3_anny1"),
+        *("skirt-02/kick_s0_anny2", "skirt-02/kick_s1_anny1"),
+    }
+    assert {task.name.split("/")[0]: task.drawn for task in tasks} == {
+        **{"skirt-01": True, "skirt-02": True, "dress": False}
+    }
+
+
+def test_a_dry_run_says_the_sizes_of_drawn_garments(tmp_path, capsys):
+    path = written(tmp_path, """
+garments: [{kind: drawn, draws: 2, seed: 5, length: [0, 0.2], sleeve: [0.2, 0.6], ease: 0.03}]
+clips: [{motion: walk, seconds: 1}]
+""")  # fmt: skip
+    assert main(["simulate", str(path), "--out", str(tmp_path / "out.zarr"), "--dry-run"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == [
+        "garment tshirt-01: ease 0.03, length 0.0782, sleeve 0.3643",
+        "garment tshirt-02: ease 0.03, length 0.0705, sleeve 0.2056",
+    ]
+    assert lines[2].startswith("tshirt-01/walk_s0 (train): 30 frames")
 
 
 @pytest.mark.parametrize(("text", "wanted"), [

@@ -98,6 +98,20 @@ def test_a_clip_that_fails_its_gates_is_rejected_with_the_reason(tmp_path):
     assert "p99_stretch" in data.rejected()["tshirt/run_s0"]["reason"]
 
 
+def test_a_drawn_garment_that_cannot_be_made_is_left_out_and_one_that_was_named_is_a_failure(tmp_path):
+    coarse = {"ease": 0.01, "edge_length": 0.09}  # as wide as the sleeves
+    clips = {"clips": ({"motion": "walk", "seconds": 0.2},)}
+    drawn = short(garments=({"kind": "drawn", "draws": 1} | coarse,), **clips)
+    with pytest.raises(InputError, match="every clip was rejected"):
+        simulate(plan(drawn), tmp_path / "set.zarr", progress=False)
+    listed = DataSet.open(tmp_path / "set.zarr").rejected()
+    assert listed["tshirt-01/walk_s0"]["reason"].startswith(
+        "tshirt-01/walk_s0: left out: tshirt: the sizes {'edge_length': 0.09, 'ease': 0.01} give a surface with "
+    )
+    with pytest.raises(InputError, match=r"tshirt: the sizes"):
+        simulate(plan(short(garments=(coarse,), **clips)), tmp_path / "other.zarr", progress=False)
+
+
 def test_two_processes_give_the_same_as_one(tmp_path):
     config = short(clips=({"motion": "walk", "seconds": 0.2}, {"motion": "turn", "seconds": 0.2}))
     for name, executor in (("one", Serial()), ("two", Pool(2))):

@@ -337,7 +337,9 @@ def mirrored_losses(trainer: Trainer, index: torch.Tensor) -> tuple[torch.Tensor
     assert mirror is not None
     body, truth = trainer.batch(trainer.train_frames, index)
     truth = mirror.garment(truth)
-    found = model(mirror.body(body), garment=mirror.seen(trainer._garment(trainer.train_frames)))
+    found = model(
+        mirror.body(body), garment=mirror.seen(trainer._outfit(trainer.train_frames, index).garment)
+    )
     return (
         masked_l1(found.positions, truth.positions, mirror.mask),
         masked_l1(found.normals, truth.normals, mirror.mask),
@@ -358,7 +360,7 @@ def test_the_loss_of_a_mixed_batch_is_the_mean_of_its_frames(
     with torch.no_grad():
         for frame, turned in zip(frames, coins, strict=True):
             body, truth = trainer.batch(trainer.train_frames, frame[None])
-            found = model(body, garment=trainer._garment(trainer.train_frames))
+            found = model(body, garment=trainer._outfit(trainer.train_frames, frame[None]).garment)
             plain = (
                 masked_l1(found.positions, truth.positions, model.mask),
                 masked_l1(found.normals, truth.normals, model.mask),

@@ -27,6 +27,7 @@ def test_what_only_says_something_about_a_data_set_does_not_count() -> None:
     told = task(title="Walks", licence="CC-BY-4.0", source="here", clips=({"motion": "run"},))
     assert told.fingerprint() == task().fingerprint()
     assert replace(task(), split="test").fingerprint() == task().fingerprint()
+    assert task(garment={"name": "vest"}).fingerprint() == task().fingerprint()
 
 
 def test_motion_body_garment_cloth_and_solver_count() -> None:
