@@ -71,13 +71,13 @@ def _case(folder: Path, clip: Clip, count: int) -> dict[str, float]:
     found = {}
     for what, words in commands.items():
         started = time.perf_counter()
-        found[f"{what}_mb_{count}"] = _peak_mb([sys.executable, "-m", "imgtransfer.cli.main", *words])
+        found[f"{what}_mb_{count}"] = peak_mb([sys.executable, "-m", "imgtransfer.cli.main", *words])
         found[f"{what}_frames_per_s"] = count / (time.perf_counter() - started)
     assert (out / source.stem / MAPS_FILE).is_file()
     return found
 
 
-def _peak_mb(words: list[str]) -> float:
+def peak_mb(words: list[str]) -> float:
     """Run a command and return its peak resident memory; RuntimeError where it fails."""
     with open(os.devnull, "wb") as nowhere:
         streams = [(os.POSIX_SPAWN_DUP2, nowhere.fileno(), 1)]

@@ -15,6 +15,7 @@ from scripts.bench import (
     fusion_quality,
     measuring,
     memory,
+    predict,
     reading,
     render,
     simulation,
@@ -85,6 +86,28 @@ KEYS = {
         ),
     },
     "memory": {"predict_mb_3", "predict_mb_6", "predict_ratio", "fuse_mb_3", "fuse_mb_6", "fuse_ratio"},
+    "predict": {
+        "frames",
+        "frames_per_second",
+        *(f"{command}_frames_per_second" for command in ("predict", "fuse")),
+        *(
+            f"predict_ms_{stage}"
+            for stage in (
+                "reading",
+                "images",
+                "guess",
+                "networks",
+                "writing_maps",
+                "writing_clip",
+                "vertices",
+                "rest",
+            )
+        ),
+        "fuse_ms_setup",
+        "memory_mb_2",
+        "memory_mb_10",
+        "memory_ratio",
+    },
     "reading": {
         *(f"{kind}_{key}" for kind in ("obj", "ply", "glb") for key in ("s", "trimesh_s")),
         *(f"ratio_{kind}_ours_to_fastest" for kind in ("obj", "ply", "glb")),
@@ -134,6 +157,7 @@ BENCHES = {
     "fusion": fusion,
     "fusion_quality": fusion_quality,
     "memory": memory,
+    "predict": predict,
     "reading": reading,
     "simulation": simulation,
     "store": store,
@@ -141,7 +165,7 @@ BENCHES = {
 }
 
 
-SLOW = ("memory", "reading", "training")  # each starts processes that load everything anew
+SLOW = ("memory", "predict", "reading", "training")  # each starts processes that load everything anew
 
 
 @pytest.mark.parametrize(
