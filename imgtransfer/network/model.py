@@ -13,6 +13,7 @@ from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.history import History
+from imgtransfer.network.kernel_head import KernelHead, corrected
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_maps
@@ -96,6 +97,7 @@ class TransferModel(nn.Module):
         self.maps, self.network, self.box = maps.model_copy(update={"views": views}), network, box
         self.position_net = _transfer_net(network, maps.size, images)
         self.normal_net = _transfer_net(network, maps.size, images)
+        self.head: KernelHead | None = None  # until it is fitted or read
         vertices = torch.as_tensor(template.vertices, dtype=torch.float32)[None]
         garment = ImagePair.encode(*metric_maps(self.imager, vertices), self.imager.mask, box)
         # Buffers, so that they move with the networks; made again from the template, so not stored.
@@ -175,6 +177,10 @@ class TransferModel(nn.Module):
             self.box.encode(guess.positions + guess.turn(POSITION_RESIDUAL_M * positions)),
             encode_normals(guess.normals + guess.turn(NORMAL_RESIDUAL * normals)),
         )
+
+    def guessed(self, body: BodyMaps, values: Callable[[Tensor], Tensor] | None = None) -> BodyMaps:
+        """Maps of posed bodies with the head's first guess, where there is a head; `values` of `KernelHead.forward`."""
+        return body if self.head is None else corrected(self.head, body, values)
 
     def calibrate(self, typical: BodyMaps, garment: Garment) -> None:
         """Let parts that need it take their statistics from maps of typical frames."""
@@ -295,7 +301,7 @@ class Predictor:
         frames = root_frames(clip, model.maps.root)
         batch = torch.from_numpy(frames.to_canonical(clip.body.vertices)).to(model.device)
         body = self._body(batch) if self._history is None else self._local(clip, frames, batch)
-        images = self._images(body)
+        images = self._images(model.guessed(body))
         if not (images.positions.isfinite().all() and images.normals.isfinite().all()):
             raise InputError(
                 f"{model.source}: predicts values that are not finite; the file is damaged, or the training diverged"

@@ -33,7 +33,8 @@ def new_model(config: RunConfig, frames: Frames) -> TransferModel:
 def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferModel:
     """The model at `path`, to be trained further on `frames`.
 
-    It keeps its template, body and position box, so that images mean to it what they did.
+    It keeps its template, body and position box, so that images mean to it what they did. It has no head yet
+    (`Trainer.fit_head`).
 
     Raises:
         InputError: no model, or one of another garment, other maps or another network than the run's.
@@ -46,6 +47,7 @@ def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferMode
     # Of the models, not of the configurations: theirs have the elevations that were chosen for the template.
     _check_settings("maps", known.maps, model.maps, path)
     _check_settings("network", known.network, model.network, path)
+    known.head = None  # the run fits its own
     model.load_state_dict(known.state_dict())
     return model
 

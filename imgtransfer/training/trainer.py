@@ -11,6 +11,8 @@ from torch import Tensor, nn
 
 from imgtransfer.data.source import clip_refs
 from imgtransfer.network import map_errors, masked_l1
+from imgtransfer.network.kernel_head import LeftOut
+from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
 from imgtransfer.network.mirror import Garment, Mirror, of_frames
@@ -29,6 +31,8 @@ from imgtransfer.training.checkpoint import (
     write_tensors,
 )
 from imgtransfer.training.config import ClipChoice, RunConfig
+from imgtransfer.training.head_fit import fit_head, left_out_groups
+from imgtransfer.training.head_state import left_out_heads
 from imgtransfer.training.optimizer import build_optimizer, learning_rate, moments, set_moments
 from imgtransfer.training.precision import Workload, bfloat16_ratio, choose_precision
 from imgtransfer.training.sampler import Frames
@@ -71,6 +75,7 @@ class Trainer:
         self._bodies = {
             id(f): self.model.body_imager(*f.shapes) for f in (self.train_frames, self.validation_frames)
         }
+        self._left_out: LeftOut | None = None
         garment = self._garment(self.train_frames)
         if options.init is None:
             typical = self.train_frames.spread(CALIBRATION_FRAMES)
@@ -82,6 +87,24 @@ class Trainer:
         self.optimizer = build_optimizer(self.model, options)
         self._average = None if options.ema is None else WeightAverage(self.model, options.ema)
         self.step = 0
+
+    def fit_head(self) -> None:
+        """Fit what corrects the first guess, where the configuration wants that; before the first step.
+
+        Raises:
+            InputError: damaged data.
+        """
+        if self.config.network.head.kind == "none":
+            return
+        garment = self._garment(self.train_frames)
+        assert isinstance(garment, TemplateView)  # the configuration sees to it
+        self.model.head, self._left_out = fit_head(
+            self.model,
+            self.train_frames,
+            partial(self.batch, self.train_frames),
+            covered=garment.covered[0],
+            mirror=self.config.training.mirror,
+        )
 
     def train_step(self) -> dict[str, float]:
         """One optimisation step on the next batch, of both networks.
@@ -131,7 +154,10 @@ class Trainer:
 
     @torch.no_grad()
     def batch(self, frames: Frames, index: Tensor) -> tuple[BodyMaps, ImagePair]:
-        """What the networks are shown of frames `index` (B,) int64, and the true images, (B, S, H, W, 3) each."""
+        """What the networks are shown of frames `index` (B,) int64, and the true images, (B, S, H, W, 3) each.
+
+        The first guess of a training frame is by a head that has not seen its clip, as that of new frames will be.
+        """
         garment, body_vertices, shape = frames.read(index)
         imager, earlier, up = self._bodies[id(frames)], None, None
         if imager.view is not None:
@@ -139,6 +165,10 @@ class Trainer:
             up = up.to(self.device)
             earlier = imager.view.samples(before.to(self.device)) if before.shape[1] else None
         body = imager(body_vertices.to(self.device), shape.to(self.device), earlier=earlier, up=up)
+        left_out, values = self._left_out, None
+        if left_out is not None and frames is self.train_frames:
+            values = partial(left_out.values, index=index)
+        body = self.model.guessed(body, values)
         positions, normals = metric_maps(self.model.imager, garment.to(self.device))
         return body, ImagePair.encode(positions, normals, self.model.mask, self.model.box)
 
@@ -206,6 +236,8 @@ class Trainer:
             tensors |= {f"optimizer.{number}.{key}": value for key, value in its.items()}
         if self._average is not None:
             tensors |= {f"average.{key}": value for key, value in self._average.tensors().items()}
+        if self._left_out is not None:
+            tensors |= {f"left_out.{key}": value for key, value in self._left_out.tensors().items()}
         header = {"format": STATE_FORMAT, "format_version": FORMAT_VERSION, "step": self.step, **self._box()}
         write_tensors(folder / STATE_FILE, tensors, header | {"init": self.init_mark})
         with self._result():
@@ -234,6 +266,9 @@ class Trainer:
                 f"back, or start a new run with another {Option('out')}"
             )
         load_weights(self.model, tensors, path)
+        if self.model.head is not None:
+            group = left_out_groups(self.train_frames.clip_starts)
+            self._left_out = left_out_heads(tensors, self.model.head, group, path)
         state = optimizer_state(tensors, list(self.model.parameters()), path, begun=step > 0)
         set_moments(self.model, self.optimizer, state)
         if self._average is not None:
