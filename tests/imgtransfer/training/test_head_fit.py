@@ -187,7 +187,7 @@ def test_a_model_whose_head_is_damaged_is_one_line(alone: Path, tmp_path: Path, 
         if damaged is not None:
             changed[name] = damaged
         write_tensors(tmp_path / "damaged.safetensors", changed, header)
-        with pytest.raises(InputError, match="those of network.head do not fit it") as error:
+        with pytest.raises(InputError, match=r"those of network\.head do not fit it") as error:
             load_model(tmp_path / "damaged.safetensors")
         assert "\n" not in str(error.value)
 
