@@ -86,7 +86,7 @@ class HeadConfig(Section):
         description="What corrects the first guess before the networks do: nothing, or a kernel ridge regression from "
         "the body around patches of cloth, fitted at the start of the training. `kernel` only with `body: local`.",
     )
-    patches: int = Field(14, ge=1, le=256, description="Patches of cloth, each with a regression of its own.")
+    patches: int = Field(24, ge=1, le=256, description="Patches of cloth, each with a regression of its own.")
     support: int = Field(
         700,
         ge=1,
@@ -95,7 +95,7 @@ class HeadConfig(Section):
         "frames count in the fit. Memory and the model file grow with it.",
     )
     smoothness: Ratio = Field(
-        2.0, gt=0, le=100, description="Length of the kernel, in typical distances between frames."
+        4.0, gt=0, le=100, description="Length of the kernel, in typical distances between frames."
     )
     ridge: Ratio = Field(3e-3, gt=0, le=1e6, description="Strength of the regularisation.")
 
