@@ -40,6 +40,13 @@ class ClothAndBody:
     before: tuple[torch.Tensor, torch.Tensor]
     after: tuple[torch.Tensor, torch.Tensor]
 
+    def inside(self) -> tuple[np.ndarray, np.ndarray]:
+        """The fractions (T,) of the vertices below an obstacle's surface, before and after the clean-up."""
+        before, after = (
+            (distance < 0).float().mean(-1).cpu().numpy() for _, distance in (self.before, self.after)
+        )
+        return before, after
+
 
 class CrossingReport:
     """Counts crossing edges of one batch after the other; one thread at a time.

@@ -27,7 +27,7 @@ from fusion.robust.automatic_confidence import AutomaticConfidence, JudgedMaps
 from fusion.solvers.adam import AdamSolver
 from fusion.solvers.local_global import LocalGlobalSolver
 from fusion.solvers.pixel_faces import PixelFaces
-from fusion.stages import BatchResult, Solver, SolverResult, StageProblem
+from fusion.stages import BatchResult, Solver, SolverResult, StageProblem, any_steps
 from fusion.topology import Topology
 from render.maps.imager import TemplateImager
 from render.mesh.mesh import check_finite
@@ -168,7 +168,7 @@ class FrameSolver:
             if obstacle is not None:
                 pose(obstacle, inputs)
         vertices = initial = readings.vertices
-        if inputs.maps.positions is not None and _any_steps(config, "edge"):
+        if inputs.maps.positions is not None and any_steps(config, "edge"):
             vertex_weights = anchor_weights(
                 self._seen if readings.confidence is None else readings.seen, readings.confidence
             )
@@ -178,7 +178,7 @@ class FrameSolver:
             with watch.stage("edge"):
                 stages["edge"] = self._solver.edge_stage(problem)
             vertices = self._result("edge", initial, stages["edge"])
-        if _any_steps(config, "normal") and (target is not None or obstacle is not None):
+        if any_steps(config, "normal") and (target is not None or obstacle is not None):
             problem = StageProblem(
                 start=self._start("normal", vertices),
                 anchor=vertices,
@@ -206,7 +206,7 @@ class FrameSolver:
         with watch.stage("crossings"):
             crossing = self._crossing_fractions(vertices, inputs, cleared)
         findings = None if judged is None else judged.findings
-        inside = None if cleared is None else _inside(cleared)
+        inside = None if cleared is None else cleared.inside()
         return BatchResult(solved, _array(initial), stages, unseen, inside, crossing, findings)
 
     def _crossing_fractions(
@@ -236,7 +236,7 @@ class FrameSolver:
                 vertices = cleared.after[0]
             if self._untangler is not None:  # means of frames may cross though no frame does
                 vertices, cleared = self._untangled(self._untangler, vertices, obstacle)
-            return _array(vertices), None if cleared is None else _inside(cleared)[1]
+            return _array(vertices), None if cleared is None else cleared.inside()[1]
         finally:
             self._obstacles.put(obstacle)
 
@@ -340,25 +340,6 @@ class FrameSolver:
             surface=obstacle.surface,
         )
         return ClothAndBody(obstacle.surface, (vertices, before), (cleared.vertices, cleared.distance))
-
-
-def _inside(cloth: ClothAndBody) -> tuple[np.ndarray, np.ndarray]:
-    """The fractions (T,) of the vertices below an obstacle's surface, before and after the clean-up."""
-    before, after = (
-        (distance < 0).float().mean(-1).cpu().numpy() for _, distance in (cloth.before, cloth.after)
-    )
-    return before, after
-
-
-def _any_steps(config: FusionConfig, stage: str) -> bool:
-    """Whether the chosen solver does anything in `stage`."""
-    steps = {
-        ("adam", "edge"): config.edge_steps,
-        ("adam", "normal"): config.normal_steps,
-        ("local_global", "edge"): config.edge_iterations,
-        ("local_global", "normal"): config.normal_iterations,
-    }
-    return steps[config.solver, stage] > 0
 
 
 def _array(vertices: torch.Tensor) -> np.ndarray:

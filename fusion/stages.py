@@ -122,3 +122,14 @@ def total(terms: Terms, weights: Mapping[str, float]) -> torch.Tensor:
         weights: of `edge_weights` or `normal_weights`; of every term at least.
     """
     return torch.stack([weights[name] * value for name, value in terms.items()]).sum(0)
+
+
+def any_steps(config: FusionConfig, stage: str) -> bool:
+    """Whether the chosen solver does anything in `stage`."""
+    steps = {
+        ("adam", "edge"): config.edge_steps,
+        ("adam", "normal"): config.normal_steps,
+        ("local_global", "edge"): config.edge_iterations,
+        ("local_global", "normal"): config.normal_iterations,
+    }
+    return steps[config.solver, stage] > 0

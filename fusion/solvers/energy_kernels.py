@@ -20,8 +20,6 @@ from types import SimpleNamespace
 import warp as wp
 
 _defining = Lock()
-# Numbers that are summed in the kernels' own precision before they are in double precision.
-BLOCK = wp.constant(32)
 
 
 def kernels(bits: int, lanes: int) -> SimpleNamespace:
@@ -75,7 +73,6 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
     functions = lane_functions(bits, lanes)
     dot, root, ratio = functions.dot, functions.root, functions.ratio
     vec3 = wp.types.vector(3, real)
-    exact = wp.types.vector(lanes, wp.float64)
     module = wp.get_module(f"fusion.solvers.energy_kernels.float{bits}x{lanes}")
     module.options["enable_backward"] = False
 
@@ -317,32 +314,6 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
         wp.atomic_add(gradient, c, 1, g, to_cy)
         wp.atomic_add(gradient, c, 2, g, to_cz)
 
-    @wp.kernel(module=module)
-    def total_terms(
-        busy: wp.array(dtype=wp.int32),
-        of_vertices: wp.array3d(dtype=lane),
-        of_pixels: wp.array2d(dtype=lane),
-        terms: wp.array2d(dtype=exact),
-    ):
-        """A term each thread: the sum of what vertices add to it, or, for the last one, faces with pixels."""
-        term, g = wp.tid()
-        if busy[g] == 0:
-            return
-        count = of_pixels.shape[0]
-        if term < of_vertices.shape[0]:
-            count = of_vertices.shape[1]
-        total = exact()
-        for first in range(0, count, BLOCK):
-            part = lane()
-            for i in range(first, wp.min(first + BLOCK, count)):
-                if term < of_vertices.shape[0]:
-                    part += of_vertices[term, i, g]
-                else:
-                    part += of_pixels[i, g]
-            for k in range(lanes):
-                total[k] += wp.float64(part[k])
-        terms[term, g] = total
-
     return SimpleNamespace(
         begin=begin,
         face_normals=face_normals,
@@ -352,5 +323,4 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
         between_normals=between_normals,
         through_normals=through_normals,
         through_faces=through_faces,
-        total_terms=total_terms,
     )

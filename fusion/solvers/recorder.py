@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import ChainMap
 from types import SimpleNamespace
 from typing import Any
 
@@ -39,11 +40,12 @@ class Recorder:
         # Defining kernels imports warp.
         from fusion.solvers.descent_kernels import descent_kernels  # noqa: PLC0415
         from fusion.solvers.energy_kernels import kernels  # noqa: PLC0415
+        from fusion.solvers.sum_kernels import sum_kernels  # noqa: PLC0415
 
         self._warp, self._like, self._groups = warp_module(), like, len(busy)
         bits, self._lanes = (64 if like.dtype == torch.float64 else 32), lanes_on(like.device)
-        both = vars(kernels(bits, self._lanes)) | vars(descent_kernels(bits, self._lanes))
-        self._kernels = SimpleNamespace(**both)
+        made = (each(bits, self._lanes) for each in (kernels, descent_kernels, sum_kernels))
+        self._kernels = SimpleNamespace(**ChainMap(*map(vars, made)))
         self._real = self._warp.float64 if bits == 64 else self._warp.float32
         self._lane = self._warp.types.vector(self._lanes, self._real)
         self._busy = self.ints(busy)

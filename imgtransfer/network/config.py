@@ -78,6 +78,28 @@ class MapsConfig(Section):
         return tuple(view.name for view in parse_views(views))
 
 
+class HeadConfig(Section):
+    """A better first guess, learned in closed form (`network.kernel_head`)."""
+
+    kind: Literal["none", "kernel"] = Field(
+        "none",
+        description="What corrects the first guess before the networks do: nothing, or a kernel ridge regression from "
+        "the body around patches of cloth, fitted at the start of the training. `kernel` only with `body: local`.",
+    )
+    patches: int = Field(24, ge=1, le=256, description="Patches of cloth, each with a regression of its own.")
+    support: int = Field(
+        700,
+        ge=1,
+        le=20_000,
+        description="Training frames, evenly spread, mirrored ones among them, that a frame is compared with; all "
+        "frames count in the fit. Memory and the model file grow with it.",
+    )
+    smoothness: Ratio = Field(
+        4.0, gt=0, le=100, description="Length of the kernel, in typical distances between frames."
+    )
+    ridge: Ratio = Field(3e-3, gt=0, le=1e6, description="Strength of the regularisation.")
+
+
 class NetworkConfig(Section):
     """One transfer network; the position and the normal network have the same (section 3.2, appendix C)."""
 
@@ -125,6 +147,10 @@ class NetworkConfig(Section):
         "random; none in validation and prediction. Against overfitting to few clips.",
     )
 
+    head: HeadConfig = Field(
+        HeadConfig(), description="What corrects the first guess before the networks do."
+    )
+
     @model_validator(mode="after")
     def _consistent(self) -> NetworkConfig:
         if self.encoder.dim % self.heads:
@@ -135,6 +161,10 @@ class NetworkConfig(Section):
             )
         if self.body == "local" and (self.target, self.frame, self.shortcuts) != ("residual", "body", False):
             raise ValueError("body: local needs target: residual, frame: body and shortcuts: false")
+        if self.head.kind == "kernel" and self.body != "local":
+            raise ValueError(
+                "head.kind: kernel needs body: local, which tells how the body around patches moves"
+            )
         if self.history_s and self.body != "local":
             raise ValueError("history_s needs body: local; body: images shows single frames")
         return self

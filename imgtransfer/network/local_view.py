@@ -74,7 +74,7 @@ class LocalView:
         self._body = _fields(body)
         self._grid = (garment.size[0] // patch, garment.size[1] // patch)
         projected = garment.operator(torch.from_numpy(garment.mesh.vertices))
-        centre, at = _centres(garment.mask.numpy(), projected.numpy(), patch)
+        centre, at = token_centres(garment.mask.numpy(), projected.numpy(), patch)
         offsets, widths = places()
         target = centre[..., None, :] + offsets  # (S, M, K, 3)
         weights, body_amount = _weights(target, self._body(_double(body.mesh.vertices)).numpy(), widths)
@@ -186,7 +186,7 @@ def _fields(imager: TemplateImager) -> SparseProduct:
     )
 
 
-def _centres(mask: np.ndarray, projected: np.ndarray, patch: int) -> tuple[np.ndarray, np.ndarray]:
+def token_centres(mask: np.ndarray, projected: np.ndarray, patch: int) -> tuple[np.ndarray, np.ndarray]:
     """Of each patch the cloth nearest the mean of what it shows: where it is at rest, and its flat pixel index.
 
     Args:

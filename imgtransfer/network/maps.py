@@ -11,7 +11,7 @@ from torch import Tensor
 
 from imgtransfer.network.base import BodyGuess, Guess
 from imgtransfer.network.config import NetworkConfig
-from imgtransfer.network.local_view import LocalView
+from imgtransfer.network.local_view import LocalView, TemplateView
 from render import Mesh, PositionBox, TemplateImager, encode_normals, vertex_normals
 
 
@@ -147,6 +147,13 @@ class BodyImager:
         if up is None:
             up = vertices.new_tensor([[0.0, 1.0, 0.0]]).expand(len(vertices), 3)
         return BodyMaps(images, guess, self.view(samples, guess, up, shape))
+
+
+def covered(maps: BodyMaps, garment: ImagePair | TemplateView) -> Tensor:
+    """(B, P, K + 1, L, 3): what the P patches with cloth are told in some frames."""
+    assert isinstance(garment, TemplateView)
+    assert maps.local is not None
+    return maps.local[:, garment.covered[0]]
 
 
 def _float32(vertices: Sequence[np.ndarray], device: torch.device) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -13,12 +13,14 @@ from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.history import History
+from imgtransfer.network.kernel_head import KernelHead, corrected
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.local_view import TemplateView
-from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, metric_maps
+from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, covered, metric_maps
 from imgtransfer.network.mirror import Garment, Mirror
+from imgtransfer.network.prediction import Prediction
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
-from imgtransfer.network.transfer import TransferNet
+from imgtransfer.network.transfer import TransferNet, build_transfer_net
 from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
 from render.threads import one_blas_thread
 
@@ -27,33 +29,6 @@ from render.threads import one_blas_thread
 POSITION_RESIDUAL_M = 0.05
 NORMAL_RESIDUAL = 0.5
 FRAMES_AT_ONCE = 16
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """The maps of one clip, predicted.
-
-    Args:
-        positions: (T, S, H, W, 3) float32, encoded by `box`; background 0.
-        normals: (T, S, H, W, 3) float32, encoded, of unit length where covered; background 0.
-        frames: the canonical frames that the maps are in.
-        imager: of the garment's template.
-        box: of the positions.
-        fps: frames a second.
-        rest_vertices: (N, 3) float64, metres, the clip's own template where that is another shape than the imager's.
-    """
-
-    positions: Tensor
-    normals: Tensor
-    frames: RootFrames
-    imager: TemplateImager
-    box: PositionBox
-    fps: float
-    rest_vertices: np.ndarray | None = None
-
-    def metres(self) -> Tensor:
-        """(T, S, H, W, 3) float32, decoded positions, canonical frame; background 0."""
-        return self.box.decode(self.positions) * self.imager.mask[..., None]
 
 
 class TransferModel(nn.Module):
@@ -101,8 +76,9 @@ class TransferModel(nn.Module):
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
         views = tuple(camera.name for camera in self.imager.cameras if camera.layer == 0)
         self.maps, self.network, self.box = maps.model_copy(update={"views": views}), network, box
-        made = networks or tuple(_transfer_net(network, maps.size, images) for _ in range(2))
+        made = networks or tuple(build_transfer_net(network, maps.size, images) for _ in range(2))
         self.position_net, self.normal_net = made
+        self.head: KernelHead | None = None  # until it is fitted or read
         vertices = torch.as_tensor(template.vertices, dtype=torch.float32)[None]
         garment = ImagePair.encode(*metric_maps(self.imager, vertices), self.imager.mask, box)
         # Buffers, so that they move with the networks; made again from the template, so not stored.
@@ -207,6 +183,10 @@ class TransferModel(nn.Module):
             encode_normals(guess.normals + guess.turn(NORMAL_RESIDUAL * normals)),
         )
 
+    def guessed(self, body: BodyMaps, values: Callable[[Tensor], Tensor] | None = None) -> BodyMaps:
+        """Maps of posed bodies with the head's first guess, where there is a head; `values` of `KernelHead.forward`."""
+        return body if self.head is None else corrected(self.head, body, values)
+
     def calibrate(self, typical: Sequence[tuple[BodyMaps, Garment]]) -> None:
         """Let parts that need it take their statistics from maps of typical frames, of each outfit with its template.
 
@@ -218,7 +198,7 @@ class TransferModel(nn.Module):
             (self.normal_net, body.images.normals),
         ):
             if isinstance(network, LocalTransferNet):
-                network.calibrate([_covered(maps, garment) for maps, garment in typical])
+                network.calibrate([covered(maps, garment) for maps, garment in typical])
             elif network.pose_code is not None:
                 network.pose_code.calibrate(image)
 
@@ -330,7 +310,7 @@ class Predictor:
         frames = root_frames(clip, model.maps.root)
         batch = torch.from_numpy(frames.to_canonical(clip.body.vertices)).to(model.device)
         body = self._body(batch) if self._history is None else self._local(clip, frames, batch)
-        images = self._images(body)
+        images = self._images(model.guessed(body))
         if not (images.positions.isfinite().all() and images.normals.isfinite().all()):
             raise InputError(
                 f"{model.source}: predicts values that are not finite; the file is damaged, or the training diverged"
@@ -364,18 +344,3 @@ class Predictor:
             earlier=torch.from_numpy(earlier).to(batch.device),
             up=torch.from_numpy(up).to(batch.device),
         )
-
-
-def _covered(maps: BodyMaps, garment: Garment) -> Tensor:
-    """(B, P, K + 1, L, 3): what the P patches with cloth are told in some frames."""
-    assert isinstance(garment, TemplateView)
-    assert maps.local is not None
-    return maps.local[:, garment.covered[0]]
-
-
-def _transfer_net(
-    network: NetworkConfig, size: tuple[int, int], views: int
-) -> LocalTransferNet | TransferNet:
-    if network.body == "local":
-        return LocalTransferNet(network, size)
-    return TransferNet(network, size, views=views)

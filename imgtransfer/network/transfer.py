@@ -8,6 +8,7 @@ from torch.nn import functional
 
 from imgtransfer.network.config import NetworkConfig
 from imgtransfer.network.decoder import Decoder
+from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.refinement import RefinementBlock
 from imgtransfer.network.shortcuts import PoseCode
 from imgtransfer.network.vit import build_encoder
@@ -76,3 +77,12 @@ class TransferNet(nn.Module):
         features = tokens[:, 1:].unflatten(1, grid).movedim(-1, 1)
         image = self.decoder(features).movedim(1, -1)
         return image.unflatten(0, body.shape[:2]).to(torch.float32)
+
+
+def build_transfer_net(
+    network: NetworkConfig, size: tuple[int, int], views: int
+) -> LocalTransferNet | TransferNet:
+    """The network that `network.body` names, for images of `size` (height, width)."""
+    if network.body == "local":
+        return LocalTransferNet(network, size)
+    return TransferNet(network, size, views=views)

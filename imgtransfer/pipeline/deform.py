@@ -13,7 +13,8 @@ from imgtransfer.data.clip import Clip
 from render import decode_normals
 
 if TYPE_CHECKING:
-    from imgtransfer.network.model import Prediction, TransferModel
+    from imgtransfer.network.model import TransferModel
+    from imgtransfer.network.prediction import Prediction
 
 
 @dataclass(frozen=True, eq=False)

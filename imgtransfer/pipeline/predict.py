@@ -14,7 +14,8 @@ from fusion.initialise import InitialWeights
 from imgtransfer.data.clip import Clip, written_clip
 from imgtransfer.data.reader import Reader
 from imgtransfer.data.source import ClipRef
-from imgtransfer.network.model import FRAMES_AT_ONCE, Prediction, TransferModel
+from imgtransfer.network.model import FRAMES_AT_ONCE, TransferModel
+from imgtransfer.network.prediction import Prediction
 from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE
 from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker

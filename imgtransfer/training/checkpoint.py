@@ -16,6 +16,7 @@ from torch import Tensor
 
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
 from imgtransfer.network.memory import least_weights
+from imgtransfer.training.head_state import empty_head
 from render import InputError, Mesh, Option, PositionBox
 from render.errors import said_by
 from render.files.atomic import check_regular, written_whole
@@ -23,6 +24,8 @@ from render.mesh.mesh import check_finite
 
 MODEL_FILE, STATE_FILE = "model.safetensors", "state.safetensors"
 MODEL_FORMAT, STATE_FORMAT, FORMAT_VERSION = "imgtransfer-model", "imgtransfer-training-state", 2
+# Large numbers of both signs that nearly cancel.
+NEVER_ROUNDED = frozenset({"head.weights", "head.offset", "head.width"})
 READABLE_VERSIONS = (1, 2)  # version 1 has no body: its models know one shape
 
 
@@ -46,7 +49,10 @@ def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32
         InputError: it cannot be written, such as for want of space.
     """
     dtype = {"float32": torch.float32, "float16": torch.float16}[stored]
-    tensors = {f"model.{key}": value.to(dtype) for key, value in model.state_dict().items()}
+    tensors = {
+        f"model.{key}": value if key in NEVER_ROUNDED else value.to(dtype)
+        for key, value in model.state_dict().items()
+    }
     tensors["template_vertices"] = torch.from_numpy(model.imager.mesh.vertices)
     tensors["template_faces"] = torch.from_numpy(model.imager.mesh.faces.astype(np.int32))
     if model.body is not None:
@@ -147,8 +153,11 @@ def load_weights(model: TransferModel, tensors: dict[str, Tensor], path: Path) -
     Raises:
         InputError: weights that are not finite floating-point numbers, or of another architecture.
     """
+    weights = _weights(tensors, "model", path)
+    if model.network.head.kind == "kernel":
+        model.head = empty_head(model, weights, path)
     try:
-        model.load_state_dict(_weights(tensors, "model", path), strict=True)
+        model.load_state_dict(weights, strict=True)
     except RuntimeError as error:
         raise InputError(f"{path}: the weights are of another architecture ({said_by(error)})") from error
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from annotated_types import Unit
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 
 from imgtransfer.config.schema import Ratio, Section
 from imgtransfer.network.config import MapsConfig, NetworkConfig
@@ -54,7 +54,12 @@ class DataConfig(Section):
 class TrainingConfig(Section):
     """The optimisation. Both networks are trained in one run on the same batches, each by a loss of its own."""
 
-    steps: int = Field(100_000, ge=1, le=10**9, description="Steps of the optimiser, a batch each.")
+    steps: int = Field(
+        100_000,
+        ge=0,
+        le=10**9,
+        description="Steps of the optimiser, a batch each; 0, with `network.head`, leaves it at the first guess.",
+    )
     batch_frames: int = Field(8, ge=1, le=4096, description="Frames of a batch.")
     optimizer: Literal["adam", "adamw"] = Field("adam", description="Adam (the paper), or AdamW.")
     learning_rate: Ratio = Field(1e-4, gt=0, le=10, description="After the warm-up.")
@@ -136,3 +141,9 @@ class RunConfig(Section):
         description="The optimisation. Both networks are trained in one run on the same batches, each by a loss of its "
         "own.",
     )
+
+    @model_validator(mode="after")
+    def _trains(self) -> RunConfig:
+        if self.training.steps == 0 and self.network.head.kind == "none":
+            raise ValueError("training.steps: 0 needs network.head.kind: kernel; nothing would be trained")
+        return self

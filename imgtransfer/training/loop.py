@@ -59,6 +59,8 @@ def train(
         if resumed:
             trainer.load(out)
             check_steps(out, config, trainer.step)
+        else:
+            trainer.fit_head()
         with written_whole(out / CONFIG_FILE) as temporary:
             temporary.write_text(to_yaml(config))
         _log.info("%s", trainer.precision)

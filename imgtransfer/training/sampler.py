@@ -169,6 +169,11 @@ class Frames:
         return np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
 
     @property
+    def clip_starts(self) -> np.ndarray:
+        """(frames,) int64: of each frame, the number of its clip's first."""
+        return self._clip_start
+
+    @property
     def n_chunks(self) -> int:
         """Number of chunks that the frames are read in."""
         return len(self._cache.chunks)

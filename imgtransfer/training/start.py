@@ -35,7 +35,7 @@ def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferMode
     """The model at `path`, to be trained further on `frames`.
 
     It keeps its template, body and position box, so that images mean to it what they did; from a general model only the
-    networks are taken, to which every garment is as any other.
+    networks are taken, to which every garment is as any other. It has no head yet (`Trainer.fit_head`).
 
     Raises:
         InputError: no model, or one of another garment, other maps or another network than the run's.
@@ -59,6 +59,7 @@ def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferMode
     # Of the models, not of the configurations: theirs have the elevations that were chosen for the template.
     _check_settings("maps", known.maps, model.maps, path)
     _check_settings("network", known.network, model.network, path)
+    known.head = None  # the run fits its own
     model.load_state_dict(known.state_dict())
     return model
 

@@ -12,6 +12,8 @@ from torch import Tensor, nn
 
 from imgtransfer.data.source import clip_refs
 from imgtransfer.network import map_errors, masked_l1
+from imgtransfer.network.kernel_head import LeftOut
+from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
 from imgtransfer.network.mirror import of_frames
@@ -30,6 +32,8 @@ from imgtransfer.training.checkpoint import (
     write_tensors,
 )
 from imgtransfer.training.config import ClipChoice, RunConfig
+from imgtransfer.training.head_fit import fit_head, left_out_groups
+from imgtransfer.training.head_state import left_out_heads
 from imgtransfer.training.optimizer import build_optimizer, learning_rate, moments, set_moments
 from imgtransfer.training.outfits import Outfit, Outfits
 from imgtransfer.training.precision import Workload, bfloat16_ratio, choose_precision
@@ -70,6 +74,7 @@ class Trainer:
         else:
             self.model = trained_model(config, self.train_frames, options.init).to(self.device)
         self.init_mark = None if options.init is None else fingerprint(options.init)
+        self._left_out: LeftOut | None = None
         frames = (self.train_frames, self.validation_frames)
         self._outfits = {id(some): Outfits(self.model, some, mirrored=options.mirror) for some in frames}
         for clip in chain(*self.validation_frames.outfits):
@@ -82,6 +87,29 @@ class Trainer:
         self.optimizer = build_optimizer(self.model, options)
         self._average = None if options.ema is None else WeightAverage(self.model, options.ema)
         self.step = 0
+
+    def fit_head(self) -> None:
+        """Fit what corrects the first guess, where the configuration wants that; before the first step.
+
+        Raises:
+            InputError: damaged data.
+        """
+        if self.config.network.head.kind == "none":
+            return
+        if len(self.train_frames.outfits) > 1:
+            raise InputError(
+                f"network.head.kind is {self.config.network.head.kind}, which is for one garment, and the training "
+                f"clips are of {len(self.train_frames.outfits)}; set it to none, or choose clips with data.train.names"
+            )
+        garment = self._outfits[id(self.train_frames)][0].garment
+        assert isinstance(garment, TemplateView)  # the configuration sees to it
+        self.model.head, self._left_out = fit_head(
+            self.model,
+            self.train_frames,
+            partial(self.batch, self.train_frames),
+            covered=garment.covered[0],
+            mirror=self.config.training.mirror,
+        )
 
     def train_step(self) -> dict[str, float]:
         """One optimisation step on the next batch, of both networks.
@@ -144,7 +172,8 @@ class Trainer:
     def batch(self, frames: Frames, index: Tensor) -> tuple[BodyMaps, ImagePair]:
         """What the networks are shown of frames `index` (B,) int64 of one outfit, and the true images.
 
-        The images are (B, S, H, W, 3) each.
+        The images are (B, S, H, W, 3) each. The first guess of a training frame is by a head that has not seen its
+        clip, as that of new frames will be.
         """
         outfit = self._outfit(frames, index)
         garment, body_vertices, shape = frames.read(index)
@@ -154,6 +183,10 @@ class Trainer:
             up = up.to(self.device)
             earlier = imager.view.samples(before.to(self.device)) if before.shape[1] else None
         body = imager(body_vertices.to(self.device), shape.to(self.device), earlier=earlier, up=up)
+        left_out, values = self._left_out, None
+        if left_out is not None and frames is self.train_frames:
+            values = partial(left_out.values, index=index)
+        body = self.model.guessed(body, values)
         positions, normals = metric_maps(outfit.model.imager, garment.to(self.device))
         return body, ImagePair.encode(positions, normals, outfit.model.mask, outfit.model.box)
 
@@ -234,6 +267,8 @@ class Trainer:
             tensors |= {f"optimizer.{number}.{key}": value for key, value in its.items()}
         if self._average is not None:
             tensors |= {f"average.{key}": value for key, value in self._average.tensors().items()}
+        if self._left_out is not None:
+            tensors |= {f"left_out.{key}": value for key, value in self._left_out.tensors().items()}
         header = {"format": STATE_FORMAT, "format_version": FORMAT_VERSION, "step": self.step, **self._box()}
         write_tensors(folder / STATE_FILE, tensors, header | {"init": self.init_mark})
         with self._result():
@@ -262,6 +297,9 @@ class Trainer:
                 f"back, or start a new run with another {Option('out')}"
             )
         load_weights(self.model, tensors, path)
+        if self.model.head is not None:
+            group = left_out_groups(self.train_frames.clip_starts)
+            self._left_out = left_out_heads(tensors, self.model.head, group, path)
         state = optimizer_state(tensors, list(self.model.parameters()), path, begun=step > 0)
         set_moments(self.model, self.optimizer, state)
         if self._average is not None:

@@ -73,8 +73,8 @@ def test_the_papers_config_has_the_papers_sizes() -> None:  # section 4.2, appen
         ("maps: {}", (), "run.yaml: data: missing"),
         (
             "data: {source: x}",
-            ("training.steps=0",),
-            "changes training.steps=0: training.steps: a whole number from 1 to 1e.09",
+            ("training.steps=-1",),
+            "changes training.steps=-1: training.steps: a whole number from 0 to 1e.09",
         ),
         ("data: {source: x}", ("training.steps",), "section.key=value is wanted"),
         ("data: {source: x}", ("data.source.y=1",), "changes data.source.y=1: .* is not a section"),

@@ -1,0 +1,217 @@
+"""Fits the kernel head of a model to the training frames, before the networks are trained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from imgtransfer.network import TransferModel
+from imgtransfer.network.base import Guess
+from imgtransfer.network.config import HeadConfig
+from imgtransfer.network.head_patches import Patches, mirrored_pixels, template_patches
+from imgtransfer.network.kernel_head import HeadSizes, KernelHead, LeftOut, head_features
+from imgtransfer.network.kernel_ridge import fit_ridge
+from imgtransfer.network.local_view import mirrored_features
+from imgtransfer.network.maps import BodyMaps, ImagePair
+from imgtransfer.training.sampler import Frames
+from render import PositionBox, decode_normals
+
+MOST_FRAMES = 8192  # that are fitted to, evenly spread; each takes some 10 kB
+TYPICAL_FRAMES = 128  # that principal directions and images are found from
+AXES, POSITION_IMAGES, NORMAL_IMAGES = 64, 16, 8  # more do not lower the error of left-out clips
+GROUPS = 5  # of clips, each left out once
+_BATCH = 16
+_STEPS_BACK = 4
+
+Batch = Callable[[Tensor], tuple[BodyMaps, ImagePair]]
+
+
+class HeadFit:
+    """The frames of a training as a head is fitted to them.
+
+    Args:
+        config: of the head.
+        patches: of the template.
+        mask: (S, H, W) bool, its silhouette. covered: (S, rows, columns) bool, the tokens that show any of it.
+        box: of the encoded positions.
+        mirror: whether each frame counts mirrored, too; all views are from the front or the back.
+        batch: what the networks are shown of frames (B,), without a head, and the true images.
+    """
+
+    def __init__(
+        self,
+        *,
+        config: HeadConfig,
+        patches: Patches,
+        mask: Tensor,
+        covered: Tensor,
+        box: PositionBox,
+        mirror: bool,
+        batch: Batch,
+    ) -> None:
+        self._config, self._patches, self._mask, self._box = config, patches, mask, box
+        self._batch, self._mirror = batch, mirror
+        self._tokens = torch.from_numpy(patches.tokens).to(mask.device)
+        # Patches whose mirror image shows no cloth.
+        self._alone = ~covered.flip(-1).flatten()[self._tokens]
+        self._other = torch.from_numpy(mirrored_pixels(mask.cpu().numpy())).to(mask.device)
+
+    @torch.no_grad()
+    def __call__(
+        self,
+        typical: Tensor,
+        index: Tensor,
+        group: Tensor,
+        progress: Callable[[list[Tensor]], Iterable[Tensor]] = iter,
+    ) -> tuple[KernelHead, LeftOut]:
+        """Fit a head, and one without each group.
+
+        Args:
+            typical: (A,) int64, frames that directions and images are found from.
+            index: (N,) int64, frames to fit to.
+            group: (T,) int64, of every training frame, in [0, G): what is left out together.
+            progress: wraps batches of `index`, such as tqdm.
+        """
+        batches = list(index.split(_BATCH))
+        head = self._unfitted(typical, len(index))
+        parts = [self._samples(head, some) for some in progress(batches)]
+        features, values = (torch.cat(of, dim=1).cpu().numpy() for of in zip(*parts, strict=True))
+        groups = torch.cat([group[some].repeat(1 + self._mirror) for some in batches]).numpy()
+        count = features.shape[1]
+        support = np.linspace(0, count - 1, head.sizes.support).round().astype(np.int64)
+        options = self._config
+        fits = [
+            fit_ridge(
+                its, wanted, support=support, group=groups, smoothness=options.smoothness, ridge=options.ridge
+            )
+            for its, wanted in zip(features, values, strict=True)
+        ]
+        head.support.copy_(torch.from_numpy(features[:, support]))
+        head.width.copy_(torch.tensor([fit.width for fit in fits]))
+        weights = torch.from_numpy(np.stack([fit.weights for fit in fits], axis=1)).to(head.weights)
+        offsets = torch.from_numpy(np.stack([fit.offsets for fit in fits], axis=1)).to(head.offset)
+        head.weights.copy_(weights[0])
+        head.offset.copy_(offsets[0])
+        return head, LeftOut(weights[1:].clone(), offsets[1:].clone(), group)
+
+    def _unfitted(self, typical: Tensor, frames: int) -> KernelHead:
+        """A head with all but its support: mean and axes of features, base and principal images of residuals."""
+        parts = [self._seen(some) for some in typical.split(_BATCH)]
+        features, residuals = (torch.cat(of) for of in zip(*parts, strict=True))
+        count = len(features)
+        sizes = HeadSizes(
+            features=features.shape[-1],
+            axes=min(AXES, count, features.shape[-1]),
+            support=min(self._config.support, frames * (1 + self._mirror)),
+            position_images=min(POSITION_IMAGES, count),
+            normal_images=min(NORMAL_IMAGES, count),
+        )
+        head = KernelHead(self._patches, self._mask, sizes).to(self._mask.device)
+        head.mean.copy_(_as_stored(features.mean(0)))
+        head.base.copy_(residuals.mean(0))
+        first = 0
+        for number, pixels in enumerate(self._patches.pixels):
+            own = features[:, number] - head.mean[number]
+            head.axes[number] = _as_stored(principal(own, sizes.axes))
+            at = torch.from_numpy(pixels).to(residuals.device)
+            left = residuals[:, at] - head.base[at]
+            rows = slice(first, first := first + len(pixels))
+            for basis, part in ((head.position_basis, left[..., :3]), (head.normal_basis, left[..., 3:])):
+                basis[rows] = principal(part.flatten(1), basis.shape[-1]).unflatten(0, (-1, 3))
+        return head
+
+    def _samples(self, head: KernelHead, index: Tensor) -> tuple[Tensor, Tensor]:
+        """Frames, and then the same mirrored: features (P, n, D) and the values wanted (P, n, R)."""
+        seen, residuals = self._seen(index)
+        features, values = _as_stored(head.features(seen)), head.wanted(residuals)
+        if self._mirror:
+            for samples in (features, values):
+                samples[self._alone, len(index) :] = samples[self._alone, : len(index)]
+        return features, values
+
+    def _seen(self, index: Tensor) -> tuple[Tensor, Tensor]:
+        """Frames, and then the same mirrored: features (n, P, F), and residuals (n, L, 6) in the guess's axes."""
+        body, truth = self._batch(index)
+        assert body.guess is not None  # the configuration sees to both
+        assert body.local is not None
+        positions = self._box.decode(truth.positions) - body.guess.positions
+        normals = decode_normals(truth.normals) - body.guess.normals
+        both = torch.cat([turned_back(body.guess, images) for images in (positions, normals)], dim=-1)
+        residuals, features = both[:, self._mask], head_features(body.local, self._tokens)
+        if not self._mirror:
+            return features, residuals
+        sign = residuals.new_tensor([-1.0, 1.0, 1.0]).repeat(2)
+        mirrored = head_features(mirrored_features(body.local), self._tokens)
+        return torch.cat([features, mirrored]), torch.cat([residuals, residuals[:, self._other] * sign])
+
+
+def fit_head(
+    model: TransferModel, frames: Frames, batch: Batch, *, covered: Tensor, mirror: bool
+) -> tuple[KernelHead, LeftOut]:
+    """Fit the head of a model to training frames, with a bar.
+
+    Args:
+        model: which has none. frames: of the training. batch, covered, mirror: see `HeadFit`.
+    """
+    fit = HeadFit(
+        config=model.network.head,
+        patches=template_patches(
+            model.imager, token=model.network.encoder.patch, count=model.network.head.patches
+        ),
+        mask=model.mask,
+        covered=covered,
+        box=model.box,
+        mirror=mirror,
+        batch=batch,
+    )
+    bar = partial(tqdm, desc="first guess", unit="batch", leave=False, delay=2, disable=None)
+    group = left_out_groups(frames.clip_starts)
+    return fit(frames.spread(TYPICAL_FRAMES), frames.spread(MOST_FRAMES), group, bar)
+
+
+def turned_back(guess: Guess, vectors: Tensor) -> Tensor:
+    """(B, S, H, W, 3) in the canonical frame's axes -> what `guess.turn` makes them of.
+
+    By Richardson's iteration on the transposed: the axes are nearly orthonormal, and where they are much shorter the
+    result stays bounded.
+    """
+    if guess.rotation is None:
+        return vectors
+    back = guess.rotation.mT
+    result = torch.zeros_like(vectors)
+    for _ in range(_STEPS_BACK):
+        result = result + (back * (vectors - guess.turn(result))[..., None, :]).sum(-1)
+    return result
+
+
+def principal(samples: Tensor, count: int) -> Tensor:
+    """The orthonormal directions (F, count) along which samples (N, F) of mean 0 vary most; 0 where there are fewer."""
+    samples = samples.double()
+    _, vectors = torch.linalg.eigh(samples @ samples.T)
+    directions = samples.T @ vectors[:, -count:].flip(1)
+    length = directions.norm(dim=0)
+    kept = length > 1e-6 * length.max().clamp(min=1e-12)
+    return torch.where(kept, directions / length, torch.zeros_like(directions)).float()
+
+
+def left_out_groups(clip_starts: np.ndarray, groups: int = GROUPS) -> Tensor:
+    """(T,) of each frame the number of its clip's first -> (T,) int64, which group of clips it is left out with.
+
+    Groups are of about as many frames each, and of clips that follow each other: clips of one kind often have names
+    that do. A single clip is cut into parts.
+    """
+    frames = len(clip_starts)
+    starts, clip, lengths = np.unique(clip_starts, return_inverse=True, return_counts=True)
+    middle = np.arange(frames) + 0.5 if len(starts) == 1 else (starts + lengths / 2)[clip]
+    _, group = np.unique(np.floor(groups * middle / frames), return_inverse=True)
+    return torch.from_numpy(group.astype(np.int64))
+
+
+def _as_stored(values: Tensor) -> Tensor:
+    """Rounded as the model file may store them, before anything is fitted, so that storing changes nothing."""
+    return values.half().float()
