@@ -17,6 +17,10 @@ import numpy as np
 from render.files.atomic import written_whole
 from render.files.npz import COPY_BYTES, SUFFIX
 
+# Maps and vertices are noise in their last bits: beside zlib's default, 6, this takes half of the time and
+# gives files that are 1.4 % larger.
+_LEVEL = 1
+
 
 class NpzWriter:
     """An npz file that is written array by array, or row by row; it appears whole when the block ends without an error.
@@ -40,7 +44,7 @@ class NpzWriter:
 
     def __enter__(self) -> NpzWriter:
         temporary = self._written.__enter__()
-        self._archive = zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED)
+        self._archive = zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL)
         return self
 
     def write(self, name: str, values: Any) -> None:
@@ -78,7 +82,7 @@ class _Rows:
     def __init__(self, dtype: np.dtype[Any], shape: tuple[int, ...], folder: Path) -> None:
         self._dtype, self._shape, self._count = dtype, shape, 0
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - `close` ends it
-        self._deflate = zlib.compressobj(wbits=-zlib.MAX_WBITS)
+        self._deflate = zlib.compressobj(_LEVEL, wbits=-zlib.MAX_WBITS)
         self._bytes = self._sum = 0
 
     def add(self, rows: np.ndarray) -> None:
@@ -103,7 +107,7 @@ class _Rows:
         text = io.BytesIO()
         np.lib.format.write_array_header_1_0(text, description)
         header = text.getvalue()
-        start = zlib.compressobj(wbits=-zlib.MAX_WBITS)
+        start = zlib.compressobj(_LEVEL, wbits=-zlib.MAX_WBITS)
         before = start.compress(header) + start.flush(
             zlib.Z_FULL_FLUSH
         )  # ends at a byte, and more may follow
