@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.spatial.distance import cdist
 from torch import Tensor
 
 from imgtransfer.network.base import Guess
@@ -22,14 +23,12 @@ from render import TemplateImager
 from render.mesh.sparse import SparseProduct
 
 _FIELDS = 16  # the body's image is averaged over fields, so many along each side
-_SPARSE = (
-    0.05  # weight, of one sample right at the place, that nothing there counts as: empty places read about 0
-)
+# What nothing at a place weighs, where a sample right at it weighs 1: empty places read about 0.
+_SPARSE = 0.05
 TEMPLATE_CHANNELS = 10
-OFFSET_M, STEP_M = (
-    0.05,
-    0.1,
-)  # the scale of template channels: offset from the body, and from the patch's centre
+FEATURES = (PLACES + 1) * 3  # numbers a patch and time
+# The scale of template channels: offset from the body, and from the patch's centre.
+OFFSET_M, STEP_M = 0.05, 0.1
 
 
 @dataclass(frozen=True)
@@ -224,11 +223,8 @@ def _weights(target: np.ndarray, samples: np.ndarray, widths: np.ndarray) -> tup
     Returns:
         (S, M, K, J), a Gaussian mean that falls to 0 where few samples are near; (S, M, K) in [0, 1).
     """
-    squared = np.square(target[..., None, :] - samples).sum(-1)
+    squared = cdist(target.reshape(-1, 3), samples, "sqeuclidean").reshape(*target.shape[:-1], -1)
     weight = np.exp(-squared / (2 * widths[:, None] ** 2))
     mass = weight.sum(-1)
     amount = mass / (mass + 1)
     return weight / (mass[..., None] + _SPARSE) * np.sqrt(amount)[..., None], amount
-
-
-FEATURES = (PLACES + 1) * 3  # numbers a patch and time

@@ -89,7 +89,8 @@ class TrainingConfig(Section):
     init: Path | None = Field(
         None,
         description="A trained model, a run's folder or its model.safetensors, whose weights the run begins with; its "
-        "garment, maps and network must be the run's. null begins with random weights.",
+        "maps and network must be the run's, and its garment, unless it was trained on several. null begins with "
+        "random weights.",
     )
     gradient_clip: Ratio | None = Field(
         None, gt=0, le=1e9, description="Greatest norm of a network's gradient; null leaves it."

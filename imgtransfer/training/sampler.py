@@ -106,8 +106,7 @@ class Frames:
     def earlier(self, index: Tensor) -> tuple[Tensor, Tensor]:
         """The bodies of frames `index` (B,) of one outfit at the earlier times, and the vertical.
 
-        All are in the canonical frame of the frame itself.
-        Before a clip's first frame the body stood as it does there.
+        All are in the canonical frame of the frame itself. Before a clip's first frame the body stood as it does there.
 
         Returns:
             (B, L - 1, V, 3) float32, metres; (B, 3) float32.
@@ -205,7 +204,7 @@ class Frames:
 
     def _canonical(self, clip: Clip) -> tuple[np.ndarray, ...]:
         frames = root_frames(clip, self._root)
-        assert clip.garment is not None  # _check_same saw to it
+        assert clip.garment is not None  # _kind saw to it
         garment, body = (frames.to_canonical(mesh.vertices) for mesh in (clip.garment, clip.body))
         return garment, body, frames.rotation, frames.translation
 

@@ -65,7 +65,12 @@ class Trainer:
         workload = Workload.of(config.maps, config.network, options.batch_frames)
         self.precision = choose_precision(options.precision, partial(bfloat16_ratio, self.device, workload))
         if self.device.type == "cpu":
-            check_training_memory(config.network, config.maps, batch_frames=options.batch_frames)
+            check_training_memory(
+                config.network,
+                config.maps,
+                batch_frames=options.batch_frames,
+                averaged=options.ema is not None,
+            )
         # Seeded after the data and before the weights: the same seed gives the same run on any amount of
         # data.
         torch.manual_seed(options.seed)

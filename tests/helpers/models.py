@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 
 from imgtransfer.data.clip import Clip
@@ -17,20 +19,6 @@ NETWORK = {
 }
 
 
-def model_for(clip: Clip) -> TransferModel:
-    """An untrained model whose outputs are not 0."""
-    torch.manual_seed(0)
-    model = TransferModel(
-        maps=MapsConfig(size=(64, 48)),
-        network=NetworkConfig.model_validate(NETWORK),
-        template=Mesh(clip.template.vertices, clip.template.faces),
-        box=PositionBox.around(clip.template.vertices, margin=0.5),
-    )
-    for network in (model.position_net, model.normal_net):
-        torch.nn.init.normal_(network.decoder.to_image.weight, std=0.1)
-    return model.eval()
-
-
 LOCAL = {
     "encoder": {"patch": 8, "dim": 16, "depth": 1, "heads": 2},
     "blocks": 1,
@@ -42,15 +30,20 @@ LOCAL = {
 }
 
 
-def local_model_for(clip: Clip) -> TransferModel:
-    """The same, shown the body around each patch."""
+def model_for(clip: Clip, network: Mapping[str, object] = NETWORK) -> TransferModel:
+    """An untrained model whose outputs are not 0."""
     torch.manual_seed(0)
     model = TransferModel(
         maps=MapsConfig(size=(64, 48)),
-        network=NetworkConfig.model_validate(LOCAL),
+        network=NetworkConfig.model_validate(network),
         template=Mesh(clip.template.vertices, clip.template.faces),
         box=PositionBox.around(clip.template.vertices, margin=0.5),
     )
-    for network in (model.position_net, model.normal_net):
-        torch.nn.init.normal_(network.decoder.to_image.weight, std=0.1)
+    for net in (model.position_net, model.normal_net):
+        torch.nn.init.normal_(net.decoder.to_image.weight, std=0.1)
     return model.eval()
+
+
+def local_model_for(clip: Clip) -> TransferModel:
+    """The same, shown the body around each patch."""
+    return model_for(clip, LOCAL)

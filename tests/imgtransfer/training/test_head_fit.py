@@ -20,17 +20,8 @@ from imgtransfer.training.head_fit import left_out_groups, principal, turned_bac
 from imgtransfer.training.loop import train
 from imgtransfer.training.trainer import Trainer
 from render import InputError
+from tests.helpers.models import LOCAL
 from tests.helpers.training import SMALL
-
-NETWORK = {
-    "encoder": {"patch": 8, "dim": 16, "depth": 1, "heads": 2},
-    "blocks": 1,
-    "heads": 2,
-    "target": "residual",
-    "frame": "body",
-    "body": "local",
-    "history_s": [0.05],
-}
 
 
 def head_config(source: Path, *, head: dict[str, object] | None = None, **training: object) -> RunConfig:
@@ -39,7 +30,7 @@ def head_config(source: Path, *, head: dict[str, object] | None = None, **traini
         "train": {"split": None, "exclude": ["*_test"]},
         "validation": {"split": None, "names": ["*_test"]},
     }
-    network = NETWORK | {"head": {"kind": "kernel", "patches": 3, "ridge": 1e-6} | (head or {})}
+    network = LOCAL | {"head": {"kind": "kernel", "patches": 3, "ridge": 1e-6} | (head or {})}
     options = SMALL["training"] | {"schedule": "constant"} | training
     return parse_config(RunConfig, SMALL | {"data": data, "network": network, "training": options}, "small")
 
