@@ -13,6 +13,7 @@ any mesh and network; what does not (PyTorch itself, the weights, a batch) is mo
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -40,6 +41,17 @@ SIZE = (32, 32)
 NETWORK = {"encoder": {"patch": 8, "dim": 16, "depth": 1, "heads": 2}, "blocks": 1, "target": "residual"}
 FUSION = "edge_iterations: 2\nnormal_iterations: 2\n"
 _REPEATED = 30  # frames
+# The peak of a process begins, on Linux, at that of the process that starts it, which has PyTorch loaded here. So a
+# small one starts the command, and prints its peak.
+_LAUNCH = """
+import os, sys
+with open(os.devnull, "wb") as nowhere:
+    streams = [(os.POSIX_SPAWN_DUP2, nowhere.fileno(), 1)]
+    process = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ, file_actions=streams)
+    _, status, usage = os.wait4(process, 0)
+print(usage.ru_maxrss)
+sys.exit(os.waitstatus_to_exitcode(status))
+"""
 
 
 def measure(quick: bool) -> Results:
@@ -79,15 +91,18 @@ def _case(folder: Path, clip: Clip, count: int) -> dict[str, float]:
 
 def peak_mb(words: list[str]) -> float:
     """Run a command and return its peak resident memory; RuntimeError where it fails."""
-    with open(os.devnull, "wb") as nowhere:
-        streams = [(os.POSIX_SPAWN_DUP2, nowhere.fileno(), 1)]
-        process = os.posix_spawn(
-            words[0], words, os.environ | {"PYTHONPATH": str(ROOT)}, file_actions=streams
-        )
-        _, status, usage = os.wait4(process, 0)
-    if status:
-        raise RuntimeError(f"{' '.join(words)}: status {os.waitstatus_to_exitcode(status)}")
-    return usage.ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)  # bytes there, kilobytes elsewhere
+    launched = subprocess.run(
+        [sys.executable, "-c", _LAUNCH, *words],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    if launched.returncode:
+        raise RuntimeError(f"{' '.join(words)}: status {launched.returncode}")
+    return int(launched.stdout) / (
+        1e6 if sys.platform == "darwin" else 1e3
+    )  # bytes there, kilobytes elsewhere
 
 
 def _clip(garment: tuple[int, int], body: tuple[int, int]) -> Clip:
