@@ -1,0 +1,1 @@
+"""Methods that predict a garment from a body in motion, behind one interface, so that they can be compared."""
