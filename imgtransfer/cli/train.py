@@ -58,4 +58,4 @@ def run(args: argparse.Namespace) -> None:
     print(f"model   {model}")
     print(f"log     {out / LOG_FILE}")
     print(f"config  {out / CONFIG_FILE}")
-    print(f"next    imgtransfer predict {out} {config.data.source} --out {out / 'predicted'}")
+    print(f"next    imgtransfer predict {out} {config.data.sources[0]} --out {out / 'predicted'}")

@@ -56,7 +56,7 @@ def run_demo(out: Path, config: RunConfig, pretrained: Path, length: Length | No
     Raises:
         InputError: data or checkpoint missing or unfit.
     """
-    cases = [Case(clip) for clip in open_clips(config.data.source, split="test")]
+    cases = [Case(clip) for source in config.data.sources for clip in open_clips(source, split="test")]
     longer = load_model(pretrained)
     for case in cases:
         longer.check_garment(case.truth)

@@ -47,17 +47,12 @@ class Decoder(nn.Module):
         blocks: L; log2 of the patch size returns to the image's resolution.
         linear: add a linear map from each token to its patch (`network.shortcuts`).
         zero_start: begin with an image that is 0 everywhere (a residual that changes nothing).
-        interpolated: so many of the blocks, the last ones, are left out, and their resolution interpolated.
     """
 
-    def __init__(
-        self, *, dim: int, blocks: int, linear: bool, zero_start: bool, interpolated: int = 0
-    ) -> None:
+    def __init__(self, *, dim: int, blocks: int, linear: bool, zero_start: bool) -> None:
         super().__init__()
-        made = blocks - interpolated
-        self.blocks = nn.ModuleList(DecoderBlock(dim // 2**level) for level in range(made))
-        self.to_image = nn.Conv2d(dim // 2**made, 3, 3, padding=1)
-        self.enlarged = 2**interpolated
+        self.blocks = nn.ModuleList(DecoderBlock(dim // 2**level) for level in range(blocks))
+        self.to_image = nn.Conv2d(dim // 2**blocks, 3, 3, padding=1)
         self.linear = nn.ConvTranspose2d(dim, 3, 2**blocks, stride=2**blocks) if linear else None
         if zero_start:
             last = [self.to_image] if self.linear is None else [self.to_image, self.linear]
@@ -71,9 +66,5 @@ class Decoder(nn.Module):
         patches = 0 if self.linear is None else self.linear(features)
         for block in self.blocks:
             features = block(features)
-        image = self.to_image(functional.silu(features))
-        if self.enlarged > 1:
-            image = functional.interpolate(
-                image, scale_factor=self.enlarged, mode="bilinear", align_corners=False
-            )
+        image: Tensor = self.to_image(functional.silu(features))
         return image + patches

@@ -29,8 +29,9 @@ class ClipChoice(Section):
 class DataConfig(Section):
     """The clips."""
 
-    source: Path = Field(
-        description="A data set folder, a folder of clip npz files or one such file; relative to the working folder."
+    source: Path | Annotated[tuple[Path, ...], Field(min_length=1)] = Field(
+        description="A data set folder, a folder of clip npz files or one such file; relative to the working folder. "
+        "Or a list of them, in each of which the clips are chosen."
     )
     train: ClipChoice = Field(ClipChoice(split="train"), description="The clips to train on.")
     validation: ClipChoice = Field(
@@ -49,6 +50,11 @@ class DataConfig(Section):
         description="Memory for training frames that have been read (validation frames get as much at most). Data that "
         "fit are read once; larger data about once an epoch, and are then mixed within half of this memory at a time.",
     )
+
+    @property
+    def sources(self) -> tuple[Path, ...]:
+        """Each of them."""
+        return self.source if isinstance(self.source, tuple) else (self.source,)
 
 
 class TrainingConfig(Section):
@@ -89,8 +95,8 @@ class TrainingConfig(Section):
     init: Path | None = Field(
         None,
         description="A trained model, a run's folder or its model.safetensors, whose weights the run begins with; its "
-        "maps and network must be the run's, and its garment, unless it was trained on several. null begins with "
-        "random weights.",
+        "maps and network must be the run's, and its garment, unless it was trained on several. `network.head` is then "
+        "fitted to what the model leaves. null begins with random weights.",
     )
     gradient_clip: Ratio | None = Field(
         None, gt=0, le=1e9, description="Greatest norm of a network's gradient; null leaves it."

@@ -25,7 +25,6 @@ class Order:
         window: frames, of that order of chunks, that are mixed.
         groups: the frames of each outfit, int64, in place of chunks. With them an epoch takes `PACK` frames of one
             outfit after another, in random order, so that a step encodes few templates.
-        together: outfits that are mixed; an epoch takes so many at a time, in random order.
     """
 
     def __init__(
@@ -37,12 +36,11 @@ class Order:
         chunks: Sequence[int] | None = None,
         window: int = 1,
         groups: Sequence[Tensor] | None = None,
-        together: int = 1,
     ) -> None:
         self.n_frames, self.batch, self.seed = n_frames, batch, seed
         self._chunks = None if chunks is None else torch.arange(n_frames).split(list(chunks))
         self._window = window
-        self._groups, self._together = groups, together
+        self._groups = groups
         self._epochs: dict[int, Tensor] = {}
 
     def frames(self, step: int) -> Tensor:
@@ -77,15 +75,12 @@ class Order:
         return torch.cat(mixed)
 
     def _packed(self, groups: Sequence[Tensor], generator: torch.Generator) -> Tensor:
-        walk = torch.randperm(len(groups), generator=generator)
-        order: list[Tensor] = []
-        for some in walk.split(self._together):
-            packs: list[Tensor] = []
-            for group in some.tolist():
-                frames = groups[group]
-                packs += frames[torch.randperm(len(frames), generator=generator)].split(PACK)
-            order += [packs[number] for number in torch.randperm(len(packs), generator=generator).tolist()]
-        return torch.cat(order)
+        packs: list[Tensor] = []
+        for frames in groups:
+            packs += frames[torch.randperm(len(frames), generator=generator)].split(PACK)
+        return torch.cat(
+            [packs[number] for number in torch.randperm(len(packs), generator=generator).tolist()]
+        )
 
     def _generator(self, stream: int) -> torch.Generator:
         return torch.Generator().manual_seed(

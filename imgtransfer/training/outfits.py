@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from imgtransfer.network.maps import BodyImager
 from imgtransfer.network.mirror import Garment, Mirror
 from imgtransfer.network.model import TransferModel
-from imgtransfer.training.sampler import OUTFITS_TOGETHER, Frames
+from imgtransfer.training.sampler import Frames
 
-KEPT = 2 * OUTFITS_TOGETHER  # a step may reach from the outfits that are mixed into the next ones
+KEPT = 64  # what is constant for an outfit takes some tens of megabytes
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,6 @@ from imgtransfer.network.shapes import misfit, same_faces
 from imgtransfer.training.order import Order
 from render import InputError, Mesh
 
-# Outfits that an epoch mixes: what is constant for each takes some tens of megabytes, and twice as many are kept.
-OUTFITS_TOGETHER = 32
-
 
 class Frames:
     """The frames of clips, in the canonical frame, read when they are needed.
@@ -92,6 +89,10 @@ class Frames:
         """The outfits that frames `index` (B,) are of, ascending, each with the places in `index` that are of it."""
         outfits = torch.from_numpy(self._outfit_of_frame[index.numpy()])
         return [(int(number), (outfits == number).nonzero()[:, 0]) for number in outfits.unique()]
+
+    def of_outfit(self, number: int) -> Tensor:
+        """The frames of an outfit, ascending, int64."""
+        return torch.from_numpy(np.flatnonzero(self._outfit_of_frame == number))
 
     def read(self, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Frames `index` (B,) of one outfit: garment (B, N, 3), body (B, V, 3), metres, and (B,) which shape.
@@ -185,15 +186,12 @@ class Frames:
     def order(self, batch: int, seed: int) -> Order:
         """The order that training sees the frames in: fully random if they fit into the cache.
 
-        Those of several outfits a few frames of one after another, and as many outfits as are kept mixed.
+        Those of several outfits a few frames of one after another.
         """
         if len(self) * self._bytes_per_frame <= self._cache_bytes:
             if len(self.outfits) > 1:
-                groups = [
-                    torch.from_numpy(np.flatnonzero(self._outfit_of_frame == number))
-                    for number in range(len(self.outfits))
-                ]
-                return Order(len(self), batch, seed, groups=groups, together=OUTFITS_TOGETHER)
+                groups = [self.of_outfit(number) for number in range(len(self.outfits))]
+                return Order(len(self), batch, seed, groups=groups)
             return Order(len(self), batch, seed)
         window = max(batch, int(self._cache_bytes / self._bytes_per_frame / 2))
         return Order(len(self), batch, seed, chunks=self._cache.lengths, window=window)

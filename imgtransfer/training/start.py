@@ -44,7 +44,10 @@ def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferMode
     if known.general:
         model = new_model(config, frames)
         _check_settings("maps", known.asked, config.maps, path)
-        _check_settings("network", known.network, model.network, path)
+        alone = model.network.model_copy(
+            update={"head": known.network.head}
+        )  # the run's own, fitted to what is left
+        _check_settings("network", known.network, alone, path)
         model.load_state_dict(known.state_dict())
         return model
     if len(frames.outfits) > 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -36,13 +37,15 @@ from imgtransfer.training.head_fit import fit_head, left_out_groups
 from imgtransfer.training.head_state import left_out_heads
 from imgtransfer.training.optimizer import build_optimizer, learning_rate, moments, set_moments
 from imgtransfer.training.outfits import Outfit, Outfits
+from imgtransfer.training.patch_losses import PatchLosses
 from imgtransfer.training.precision import Workload, bfloat16_ratio, choose_precision
+from imgtransfer.training.prepared import mark_of
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.start import new_model, trained_model
-from render import InputError, Option
+from render import InputError, Option, decode_normals
 
 VALIDATION_BATCH = 16
-CALIBRATION_FRAMES = 64
+CALIBRATION_FRAMES, CALIBRATION_OUTFITS = 64, 12
 
 
 class Trainer:
@@ -85,6 +88,10 @@ class Trainer:
         for clip in chain(*self.validation_frames.outfits):
             self.model.check_garment(clip)  # now: one that is not the model's must not stop the run later
         self.mirror = self._outfits[id(self.train_frames)][0].mirror
+        self._patch_losses: PatchLosses | None = None
+        if config.network.body == "local":
+            train, of = self.train_frames, self._outfits[id(self.train_frames)]
+            self._patch_losses = PatchLosses(self.model, train, of, partial(self.batch, train))
         if options.init is None:
             self._calibrate()
         self.model.mirrored_average = options.mirror
@@ -95,6 +102,8 @@ class Trainer:
 
     def fit_head(self) -> None:
         """Fit what corrects the first guess, where the configuration wants that; before the first step.
+
+        Where the run begins with a trained model, it is fitted to what that model's networks leave: they add up.
 
         Raises:
             InputError: damaged data.
@@ -111,7 +120,7 @@ class Trainer:
         self.model.head, self._left_out = fit_head(
             self.model,
             self.train_frames,
-            partial(self.batch, self.train_frames),
+            self._batch_of_init,
             covered=garment.covered[0],
             mirror=self.config.training.mirror,
         )
@@ -156,6 +165,9 @@ class Trainer:
 
     def _losses(self, number: int, index: Tensor, mirrored: Tensor | None) -> tuple[Tensor, Tensor]:
         """Both losses of training frames `index` (B,) of outfit `number`, those where `mirrored` (B,) mirrored."""
+        if self._patch_losses is not None:
+            with self._autocast():
+                return self._patch_losses(number, index, mirrored)
         outfit = self._outfits[id(self.train_frames)][number]
         body, truth = self.batch(self.train_frames, index)
         mask = outfit.model.mask
@@ -172,6 +184,27 @@ class Trainer:
             masked_l1(predicted.positions, truth.positions, mask),
             masked_l1(predicted.normals, truth.normals, mask),
         )
+
+    def prepare(self, folder: Path) -> None:
+        """Make what local networks are shown of all training frames, in a file in the run's folder.
+
+        After the head is fitted or read, and before the first step.
+
+        Raises:
+            InputError: too little room on the disk, or damaged data.
+        """
+        if self._patch_losses is None or self.config.training.steps <= self.step:
+            return
+        config = self.config
+        texts = [
+            config.data.model_dump_json(),
+            config.maps.model_dump_json(),
+            config.network.model_dump_json(),
+        ]
+        meshes = [clip.template.vertices for clip in chain(*self.train_frames.outfits)]
+        head = [] if self.model.head is None else [self.model.head.weights.cpu().numpy()]
+        mark = mark_of(texts, [self.train_frames.clip_starts, *meshes, *head])
+        self._patch_losses.prepare(folder, mark)
 
     @torch.no_grad()
     def batch(self, frames: Frames, index: Tensor) -> tuple[BodyMaps, ImagePair]:
@@ -194,6 +227,23 @@ class Trainer:
         body = self.model.guessed(body, values)
         positions, normals = metric_maps(outfit.model.imager, garment.to(self.device))
         return body, ImagePair.encode(positions, normals, outfit.model.mask, outfit.model.box)
+
+    @torch.no_grad()
+    def _batch_of_init(self, index: Tensor) -> tuple[BodyMaps, ImagePair]:
+        """`batch` of training frames, with what the networks that the run begins with predict as the first guess."""
+        body, truth = self.batch(self.train_frames, index)
+        if self.config.training.init is None:
+            return body, truth  # the networks begin with 0
+        outfit = self._outfit(self.train_frames, index)
+        assert body.guess is not None  # the configuration sees to it
+        self.model.eval()
+        images = self._predicted(outfit, body)
+        guess = replace(
+            body.guess,
+            positions=outfit.model.box.decode(images.positions),
+            normals=decode_normals(images.normals),
+        )
+        return replace(body, guess=guess), truth
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
@@ -231,15 +281,22 @@ class Trainer:
     def _calibrate(self) -> None:
         """Let the networks take their statistics from frames spread over the training clips."""
         index = self.train_frames.spread(CALIBRATION_FRAMES)
+        kinds = self.train_frames.by_outfit(index)
+        # What is constant for an outfit takes seconds: a few will do.
+        few = kinds[:: -(-len(kinds) // CALIBRATION_OUTFITS)]
         shown = []
-        for _, places in self.train_frames.by_outfit(index):
+        for _, places in few:
             outfit = self._outfit(self.train_frames, index[places])
             shown.append((self.batch(self.train_frames, index[places])[0], outfit.garment))
         self.model.calibrate(shown)
 
     def _frames(self, choice: ClipChoice) -> Frames:
         data = self.config.data
-        refs = clip_refs(data.source, split=choice.split, names=choice.names, exclude=choice.exclude)
+        refs = [
+            ref
+            for source in data.sources
+            for ref in clip_refs(source, split=choice.split, names=choice.names, exclude=choice.exclude)
+        ]
         readers, root = [ref.reader() for ref in refs], self.config.maps.root
         history = self.config.network.history_s
         several = self.config.network.body == "local"

@@ -8,6 +8,7 @@ import torch
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
+from imgtransfer.network.local_transfer import LocalTransferNet
 from render import Mesh, PositionBox
 
 NETWORK = {
@@ -40,7 +41,8 @@ def model_for(clip: Clip, network: Mapping[str, object] = NETWORK) -> TransferMo
         box=PositionBox.around(clip.template.vertices, margin=0.5),
     )
     for net in (model.position_net, model.normal_net):
-        torch.nn.init.normal_(net.decoder.to_image.weight, std=0.1)
+        last = net.to_patch if isinstance(net, LocalTransferNet) else net.decoder.to_image
+        torch.nn.init.normal_(last.weight, std=0.1)
     return model.eval()
 
 

@@ -114,17 +114,3 @@ def test_gradients_are_those_of_differences() -> None:
     block = DecoderBlock(2).double()
     given = torch.randn(1, 2, 2, 3, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(block, (given,))
-
-
-def test_levels_that_are_interpolated_keep_the_resolution() -> None:
-    torch.manual_seed(0)
-    made = Decoder(dim=16, blocks=3, linear=False, zero_start=False, interpolated=2)
-    assert len(made.blocks) == 1
-    given = features(1, 16, 2, 3)
-    image = made(given)
-    assert image.shape == (1, 3, 16, 24)
-    coarse = made.to_image(
-        functional.silu(made.blocks[0](given))
-    )  # (1, 3, 4, 6), of which each 4 x 4 pixels are made
-    # The four pixels around the corner where four coarse pixels meet lie evenly about it: their mean is the four's.
-    torch.testing.assert_close(image[..., 3:5, 3:5].mean((-2, -1)), coarse[..., :2, :2].mean((-2, -1)))
