@@ -223,3 +223,24 @@ def test_outfits_follow_each_other_in_packs_and_every_frame_comes_once_an_epoch(
     same = Order(60, 4, 5, groups=groups)
     assert torch.equal(order.frames(40), same.frames(40))
     assert not torch.equal(epoch, torch.cat([order.frames(step) for step in range(15, 30)]))
+
+
+def test_a_head_is_fitted_to_what_a_trained_model_leaves(source: Path, general: Path, tmp_path: Path) -> None:
+    tensors, header = read_tensors(general / "model.safetensors", "imgtransfer-model")
+    torch.manual_seed(3)
+    for part in ("position_net", "normal_net"):  # a model that says something else than the first guess
+        tensors[f"model.{part}.to_patch.weight"].normal_(std=0.05)
+    write_tensors(tmp_path / "general.safetensors", tensors, header)
+    content = local_config(
+        source, init=str(tmp_path / "general.safetensors"), steps=0, mirror=True
+    ).model_dump(mode="json", exclude_unset=True)
+    content["network"] = LOCAL | {"head": {"kind": "kernel", "patches": 3, "ridge": 1e-6}}
+    config = parse_config(RunConfig, content, "run")
+    trainer = Trainer(config)
+    without = trainer.validate()  # on frames that are among the training's
+    trainer.fit_head()
+    with_head = trainer.validate()
+    assert with_head["position_mm"] < 0.1 * without["position_mm"]
+    assert with_head["normal_degrees"] < 0.3 * without["normal_degrees"]
+    train(config, tmp_path / "run")
+    assert load_model(tmp_path / "run").head is not None
