@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
 
 from imgtransfer.deformers.common.rigid_bones import Bones
 from imgtransfer.deformers.common.rotations import mean_rotation, rotation_matrices
-from scipy.spatial.transform import Rotation
 
 _LEAST_SCALE = 1e-3  # of what a network's unit means: radians, and metres
 
@@ -20,8 +20,8 @@ class BoneSkinning(nn.Module):
     offset d_v, so that T_v = p_v + d_v - R_v p_v. For another body's template bones rest elsewhere and turn alike
     (section 4.5: "moving virtual bones based on the differences in body shapes").
 
-    A network's six numbers a bone are a rotation vector and an offset, both against the bone's mean over the training and in
-    units of how much they vary there. The paper has Euler angles, which jump.
+    A network's six numbers a bone are a rotation vector and an offset, both against the bone's mean over the training and
+    in units of how much they vary there. The paper has Euler angles, which jump.
 
     Args:
         weights: W, (N, V).

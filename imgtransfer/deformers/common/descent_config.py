@@ -26,7 +26,7 @@ class DescentConfig(Section):
         10,
         ge=0,
         le=10_000,
-        description="Frames before each window, and copies of the first frame before each clip, for the network to settle.",
+        description="Frames before each window, or copies of a clip's first before it begins, for the network to settle.",
     )
     loss_frames: Frames = Field(
         32,
@@ -36,7 +36,10 @@ class DescentConfig(Section):
     )
     learning_rate: Ratio = Field(1e-3, gt=0, le=10, description="At first.")
     decay_steps: int = Field(
-        2600, ge=1, le=10**9, description="Steps after which the learning rate falls by 70 %, again and again."
+        2600,
+        ge=1,
+        le=10**9,
+        description="Steps after which the learning rate falls by 70 %, again and again.",
     )
     weight_decay: Ratio = Field(0.0, ge=0, le=100, description="AdamW's, of all parameters; 0 takes Adam.")
     gradient_clip: Ratio | None = Field(

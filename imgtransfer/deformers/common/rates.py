@@ -1,4 +1,4 @@
-"""Other frame rates than that of the training: motions go in at the training's rate, vertices come back at the clip's."""
+"""Other frame rates than the training's: motions go in at its rate, vertices come back at the clip's."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def sample_times(n_frames: int, fps: float, wanted: float) -> np.ndarray:
 
 
 def between(position: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (M,) on frames 0 to `count` - 1 -> the frame before each (M,) int, and the part (M,) towards the next."""
+    """Positions (M,) on frames 0 to `count` - 1 -> the frame before each, int, and the part towards the next."""
     before = np.clip(np.floor(position + 1e-9).astype(np.int64), 0, max(count - 2, 0))
     return before, np.clip(position - before, 0, 1) if count > 1 else np.zeros(len(position))
 

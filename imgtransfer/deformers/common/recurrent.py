@@ -7,11 +7,14 @@ from torch import Tensor, nn
 
 from imgtransfer.deformers.common.windows import warmed_up
 
-_STILL, _LEAST = 1e-3, 0.02  # deviations of features: those below tell nothing, and no number is divided by less
+_STILL, _LEAST = (
+    1e-3,
+    0.02,
+)  # deviations of features: those below tell nothing, and no number is divided by less
 
 
 class Standardise(nn.Module):
-    """Features less their mean over the training, by their standard deviation there; joints that never moved tell nothing: 0.
+    """Features less their mean over the training, by their deviation there; 0 for joints that never moved.
 
     Args:
         features: (S, ..., C) of the training, of which each number has its own mean and deviation.

@@ -109,6 +109,8 @@ def _rigid(rest: np.ndarray, targets: np.ndarray, weights: np.ndarray) -> tuple[
     centre = squared @ rest / squared.sum()
     flat = targets.reshape(len(rest), -1)
     mean = (weights @ flat / squared.sum()).reshape(-1, 3)
-    covariance = ((weights[:, None] * (rest - centre)).T @ flat).reshape(3, -1, 3)  # u's axis, frame, q's axis
+    covariance = ((weights[:, None] * (rest - centre)).T @ flat).reshape(
+        3, -1, 3
+    )  # u's axis, frame, q's axis
     rotation = nearest_rotation(covariance.transpose(1, 2, 0))
     return rotation, mean - rotation @ centre

@@ -162,8 +162,8 @@ def gather(clips: Sequence[Clip]) -> FitClips:
     for clip in clips:
         if not same_rate(clip.fps, first.fps):
             raise InputError(
-                f"{clip.name}: {clip.fps:g} frames a second, {first.name} has {first.fps:g}; a method is fitted to clips "
-                "of one frame rate, choose such with data.train.names (it predicts at any)"
+                f"{clip.name}: {clip.fps:g} frames a second, {first.name} has {first.fps:g}; a method is fitted to "
+                "clips of one frame rate, choose such with data.train.names (it predicts at any)"
             )
         frames = root_frames(clip, "root")
         motion = body_motion(clip, frames)
@@ -191,8 +191,8 @@ def _parents(clip: Clip) -> np.ndarray:
     assert skeleton.poses is not None
     if skeleton.parents is None or len(skeleton.parents) < skeleton.poses.shape[1]:
         raise InputError(
-            f"{clip.name}: has no parents of its {skeleton.poses.shape[1]} joints; give the skeleton's (J,) parents, -1 "
-            "for the root"
+            f"{clip.name}: has no parents of its {skeleton.poses.shape[1]} joints; give the skeleton's (J,) parents, "
+            "-1 for the root"
         )
     return skeleton.parents[: skeleton.poses.shape[1]]
 
@@ -201,14 +201,14 @@ def _check_joints(clip: Clip, motion: BodyMotion, known: Known) -> None:
     count = motion.joints.shape[1] + 1
     if count != len(known.parents):
         raise InputError(
-            f"{clip.name}: poses of {count} joints, and the method was fitted to {len(known.parents)}; give poses of the "
-            "same skeleton"
+            f"{clip.name}: poses of {count} joints, and the method was fitted to {len(known.parents)}; give poses "
+            "of the same skeleton"
         )
 
 
 def _check_garment(clip: Clip, known: Known) -> None:
     if not np.array_equal(clip.template.faces, known.faces):
         raise InputError(
-            f"{clip.name}: another garment ({len(clip.template.vertices)} vertices, {len(clip.template.faces)} faces) than "
-            f"the method was fitted to ({len(known.template)} vertices, {len(known.faces)} faces); fit one to it"
+            f"{clip.name}: another garment ({len(clip.template.vertices)} vertices, {len(clip.template.faces)} faces) "
+            f"than the method was fitted to ({len(known.template)} vertices, {len(known.faces)} faces); fit one to it"
         )

@@ -1,9 +1,12 @@
 """Skinning decomposition: rigid bones and sparse weights that move a mesh as it was seen to move (Le and Deng 2012).
 
-Smooth skinning decomposition with rigid bones, SSDR, minimises sum_t sum_i |sum_v w^{i,v} (R_v^t u_i + T_v^t) - x_i^t|^2,
-u_i being the vertices at rest and x_i^t those of frame t, over rigid bones (R, T) and weights that are not negative, sum
-to 1 and are at most K a vertex. Bones and weights are solved for in turns, each time exactly or without getting worse,
-from where clusters of vertices move rigidly. All sums over frames are matrix products, so that their number costs little.
+Smooth skinning decomposition with rigid bones, SSDR, minimises
+
+    sum_t sum_i |sum_v w^{i,v} (R_v^t u_i + T_v^t) - x_i^t|^2,
+
+u_i being the vertices at rest and x_i^t those of frame t, over rigid bones (R, T) and weights that are not negative,
+sum to 1 and are at most K a vertex. Bones and weights are solved for in turns, each time exactly or without getting
+worse, from clusters of vertices that move rigidly. Sums over frames are matrix products, so that many cost little.
 """
 
 from __future__ import annotations
@@ -106,7 +109,7 @@ def _revive(rest: np.ndarray, moves: np.ndarray, weights: np.ndarray, bones: Bon
         return
     error = np.square(moves - moved(rest, weights, bones)).sum(axis=(1, 2))
     tree = cKDTree(rest)
-    for bone in dead:
+    for bone in map(int, dead):
         _, near = tree.query(rest[int(error.argmax())], k=min(_NEAREST, len(rest)))
         error[near] = 0
         near = np.isin(np.arange(len(rest)), near)

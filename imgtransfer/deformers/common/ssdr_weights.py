@@ -1,7 +1,7 @@
 """The weights of a skinning decomposition, with bones as they are (Le and Deng 2012, section 4).
 
-Each vertex has a problem of its own: least squares over weights that are not negative and sum to 1. It is solved for all
-bones first; of these the K of greatest weight stay, and their weights are solved for exactly.
+Each vertex has a problem of its own: least squares over weights that are not negative and sum to 1. It is solved for
+all bones first; of these the K of greatest weight stay, and their weights are solved for exactly.
 """
 
 from __future__ import annotations
@@ -102,7 +102,9 @@ def simplex_minimum(quadratic: np.ndarray) -> np.ndarray:
         for chosen in combinations(range(count), size):
             at = np.array(chosen)
             part = quadratic[:, at[:, None], at]
-            solution = np.linalg.solve(part + ridge[:, None, None] * np.eye(size), np.ones((n, size, 1)))[..., 0]
+            solution = np.linalg.solve(part + ridge[:, None, None] * np.eye(size), np.ones((n, size, 1)))[
+                ..., 0
+            ]
             solution /= solution.sum(axis=1, keepdims=True)
             value = np.einsum("nv,nvw,nw->n", solution, part, solution)
             better = (solution >= 0).all(axis=1) & (value < least)

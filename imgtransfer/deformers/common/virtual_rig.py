@@ -26,12 +26,16 @@ _SWEEPS = 4  # over the bones of each clip, with the weights as they are
 class RigConfig(Section):
     """The decomposition of the training clips into virtual bones (section 3.1 of JointNet; SSDR, Le and Deng 2012)."""
 
-    bones: int = Field(80, ge=1, le=2000, description="Virtual bones, |V|; fewer for a template of fewer vertices.")
+    bones: int = Field(
+        80, ge=1, le=2000, description="Virtual bones, |V|; fewer for a template of fewer vertices."
+    )
     influences: int = Field(4, ge=1, le=8, description="Bones that move a vertex, at most.")
     frames: Frames = Field(
         400, ge=2, le=10**6, description="Frames, spread evenly over the clips, that weights are solved from."
     )
-    clustering_rounds: int = Field(10, ge=0, le=1000, description="Rounds of the clustering that it begins with.")
+    clustering_rounds: int = Field(
+        10, ge=0, le=1000, description="Rounds of the clustering that it begins with."
+    )
     rounds: int = Field(15, ge=0, le=1000, description="Rounds of weights and bones in turns.")
 
 
@@ -106,5 +110,7 @@ def _decompose(clips: FitClips, config: RigConfig) -> Rig:
             bones = refine_bones(rest.numpy(), moves, exact, bones)
         parts.append(bones_about(bones, skinning.places(rest).numpy()))
     return Rig(
-        torch.from_numpy(weights), torch.cat([turn for turn, _ in parts]), torch.cat([shift for _, shift in parts])
+        torch.from_numpy(weights),
+        torch.cat([turn for turn, _ in parts]),
+        torch.cat([shift for _, shift in parts]),
     )

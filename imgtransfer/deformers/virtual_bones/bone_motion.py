@@ -12,9 +12,9 @@ from imgtransfer.deformers.common.recurrent import MotionGru
 class BoneMotion(nn.Module):
     """One recurrent unit reads all joints at once, and a linear layer gives six numbers of each virtual bone.
 
-    Section 3.2 of JointNet on Pan et al. 2022: "consider body joints as a whole and encode the concatenation of all body
-    joints for virtual bones prediction". Where they give joints as rotation vectors and the root by its position, the
-    rotations' matrices and the root's velocity and tilt are read here: see `common.body_motion`.
+    Section 3.2 of JointNet on Pan et al. 2022: "consider body joints as a whole and encode the concatenation of all
+    body joints for virtual bones prediction". Where they give joints as rotation vectors and the root by its position,
+    the rotations' matrices and the root's velocity and tilt are read here: see `common.body_motion`.
 
     Args:
         features: (S, C) of the training.
@@ -44,8 +44,8 @@ class BoneMotion(nn.Module):
     def loss(self, numbers: Tensor, turn: Tensor, offset: Tensor) -> Tensor:
         """Mean squared distance, in cm², of where bones move the vertices, each bone by itself.
 
-        For one bone it is |d - d*|² + tr((R - R*) C (R - R*)ᵀ), where C is how its vertices spread about it. So an error
-        of a turn counts as what it does to vertices, and a turn that cannot be seen from them does not count.
+        For one bone it is |d - d*|² + tr((R - R*) C (R - R*)ᵀ), where C is how its vertices spread about it. So an
+        error of a turn counts as what it does to vertices, and one that cannot be seen from them does not count.
 
         Args:
             numbers: (F, V, 6) predicted. turn: (F, V, 3, 3), offset: (F, V, 3) wanted.

@@ -12,7 +12,7 @@ _SLOPE = 0.2  # of the activation below 0; above 0, so that it keeps the order o
 
 
 class Displacements(nn.Module):
-    """Pan et al. 2022: "the global information of virtual bones' motions and local information" of the low-frequency mesh.
+    """Pan et al. 2022: global information of the bones' motions, and local information of the low-frequency mesh.
 
     A recurrent unit reads the numbers of all bones and gives each vertex some features; convolutions over edges read
     the low-frequency mesh; a linear layer makes a displacement of both, in the root's frame.
@@ -61,7 +61,9 @@ class Displacements(nn.Module):
         Args:
             memory: (F, H) of the bones' motion. mesh: (F, N, 3) low-frequency vertices. template: (N, 3) or (F, N, 3).
         """
-        features = nn.functional.leaky_relu(self.to_vertices(memory), _SLOPE).unflatten(-1, (len(self.mean), -1))
+        features = nn.functional.leaky_relu(self.to_vertices(memory), _SLOPE).unflatten(
+            -1, (len(self.mean), -1)
+        )
         local = (mesh - template) / self.edge_length  # how far each vertex went, in edges
         for convolution in self.convolutions:
             local = convolution(local, self.neighbours)

@@ -48,11 +48,11 @@ class VirtualBones(SequenceDeformer):
         return TwoStages(low, high)
 
     def _low(self, features: Tensor, skinning: BoneSkinning, template: Tensor) -> BoneMotion:
-        return BoneMotion(features, skinning, template, hidden=self.config.hidden, dropout=self.config.dropout)
+        return BoneMotion(
+            features, skinning, template, hidden=self.config.hidden, dropout=self.config.dropout
+        )
 
-    def _high(
-        self, numbers: Tensor, residuals: Tensor, faces: np.ndarray, template: Tensor
-    ) -> Displacements:
+    def _high(self, numbers: Tensor, residuals: Tensor, faces: np.ndarray, template: Tensor) -> Displacements:
         mesh = Mesh(template.double().numpy(), faces, "garment")
         lengths = np.linalg.norm(mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]], axis=1)
         return Displacements(
@@ -79,7 +79,9 @@ class VirtualBones(SequenceDeformer):
 
         fit_stage(low, loss, "low", self.config.low, folder)
 
-    def _fit_high(self, low: BoneMotion, clips: FitClips, features: Tensor, folder: FitFolder) -> Displacements:
+    def _fit_high(
+        self, low: BoneMotion, clips: FitClips, features: Tensor, folder: FitFolder
+    ) -> Displacements:
         with torch.no_grad():
             parts = [
                 low.numbers(low.memory.whole(part, self.config.low.warm_up_frames))
