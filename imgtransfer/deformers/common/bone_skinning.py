@@ -20,7 +20,7 @@ class BoneSkinning(nn.Module):
     offset d_v, so that T_v = p_v + d_v - R_v p_v. For another body's template bones rest elsewhere and turn alike
     (section 4.5: "moving virtual bones based on the differences in body shapes").
 
-    A network's six numbers a bone are a rotation vector and an offset, both against the bone's mean over the training and
+    A network's six numbers a bone are a rotation vector and an offset, both against the bone's mean of the training and
     in units of how much they vary there. The paper has Euler angles, which jump.
 
     Args:

@@ -26,7 +26,7 @@ class DescentConfig(Section):
         10,
         ge=0,
         le=10_000,
-        description="Frames before each window, or copies of a clip's first before it begins, for the network to settle.",
+        description="Frames before each window, or copies of a clip's first before it begins, to settle in.",
     )
     loss_frames: Frames = Field(
         32,

@@ -103,8 +103,11 @@ def _rigid(rest: np.ndarray, targets: np.ndarray, weights: np.ndarray) -> tuple[
     """R (T, 3, 3) and T (T, 3) that minimise sum_i |w_i (R u_i + T) - q_i|^2 in each frame.
 
     Args:
-        rest: u, (n, 3). targets: q, (n, T, 3). weights: w, (n,) above 0.
+        rest: u, (n, 3). targets: q, (n, T, 3). weights: w, (n,) above 0. Of no vertices the motion is none.
     """
+    if not len(rest):
+        frames = targets.shape[1]
+        return np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3))
     squared = weights * weights
     centre = squared @ rest / squared.sum()
     flat = targets.reshape(len(rest), -1)

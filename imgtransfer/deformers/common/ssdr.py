@@ -87,7 +87,7 @@ def _clusters(rest: np.ndarray, moves: np.ndarray, count: int, rounds: int) -> t
         smallest = errors[np.arange(len(rest)), labels]
         for bone in np.flatnonzero(np.bincount(labels, minlength=count) == 0):
             worst = int(smallest.argmax())  # an empty cluster begins where its neighbours fit worst
-            labels[worst], smallest[worst] = bone, 0.0
+            labels[worst], smallest[worst] = bone, -1.0
     return labels, bones
 
 

@@ -15,6 +15,7 @@ from imgtransfer.deformers.common.rigid_bones import Bones, homogeneous
 _VERTICES = 512  # at once; their matrices are V x V each
 _DESCENTS = 60  # steps of projected gradient descent, which only choose the bones
 _RIDGE = 1e-9  # of the mean of the diagonal, where bones move a vertex alike
+_LEAST_RIDGE = 1e-12  # m²; sums of squares below it are rounding
 
 
 def solve_weights(
@@ -96,7 +97,7 @@ def simplex_minimum(quadratic: np.ndarray) -> np.ndarray:
         quadratic: H, (n, K, K) positive semidefinite.
     """
     n, count = quadratic.shape[:2]
-    ridge = _RIDGE * np.einsum("nkk->n", quadratic) / count + 1e-300
+    ridge = _RIDGE * np.abs(np.einsum("nkk->n", quadratic)) / count + _LEAST_RIDGE
     best, least = np.zeros((n, count)), np.full(n, np.inf)
     for size in range(1, count + 1):
         for chosen in combinations(range(count), size):
