@@ -37,6 +37,14 @@ def between(position: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return before, np.clip(position - before, 0, 1) if count > 1 else np.zeros(len(position))
 
 
+def at_samples(values: np.ndarray, fps: float, wanted: float) -> np.ndarray:
+    """Values (T, ...) at a clip's frames, linearly to (M, ...) at its `sample_times`."""
+    before, part = between(sample_times(len(values), fps, wanted) * fps, len(values))
+    after = np.minimum(before + 1, len(values) - 1)
+    part = part.reshape(-1, *[1] * (values.ndim - 1)).astype(values.dtype)
+    return values[before] + part * (values[after] - values[before])
+
+
 def at_frames(values: np.ndarray, n_frames: int, fps: float, sampled: float) -> np.ndarray:
     """Values (M, ...) at the `sample_times` of a clip, linearly to (T, ...) at its frames.
 

@@ -14,7 +14,7 @@ from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.deformers.base import Deformer, FitFolder, same_garment
 from imgtransfer.deformers.common.body_motion import BodyMotion, body_motion, joint_features, root_features
-from imgtransfer.deformers.common.rates import at_frames, same_rate
+from imgtransfer.deformers.common.rates import at_frames, at_samples, same_rate
 from render import InputError
 
 
@@ -61,18 +61,35 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
+class Given:
+    """What a network is told of a clip.
+
+    Args:
+        root: (T, 9) float32, joints: (T, J - 1, 6) float32, see `body_motion`.
+        template: (N, 3) float32, metres. body_rest: (B, 3), body: (T, B, 3) float32 in the root's frame, metres.
+    """
+
+    root: Tensor
+    joints: Tensor
+    template: Tensor
+    body_rest: np.ndarray
+    body: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class FitClips:
     """The frames of all clips to fit to, one clip after the other; S in all.
 
     Args:
         known: of all of them.
-        lengths: frames of each clip.
+        given: of each clip. lengths: their frames.
         root: (S, 9) float32, joints: (S, J - 1, 6) float32, see `body_motion`.
         positions: (S, N, 3) float32, the garment in the root's frame, metres.
         templates: (C, N, 3) float32, a clip each. clip_of: (S,) int64, which clip a frame is of.
     """
 
     known: Known
+    given: tuple[Given, ...]
     lengths: tuple[int, ...]
     root: Tensor
     joints: Tensor
@@ -96,12 +113,8 @@ class SequenceDeformer(Deformer):
         """The network before its tensors are put into it; their shapes tell its sizes."""
 
     @abstractmethod
-    def _canonical(self, network: nn.Module, root: Tensor, joints: Tensor, template: Tensor) -> Tensor:
-        """The garment (T, N, 3) in the root's frame.
-
-        Args:
-            root: (T, 9). joints: (T, J - 1, 6). template: (N, 3) of the clip.
-        """
+    def _canonical(self, network: nn.Module, given: Given) -> Tensor:
+        """The garment (T, N, 3) in the root's frame."""
 
     def fit(self, clips: Sequence[Clip], folder: FitFolder) -> None:
         """See `Deformer.fit`."""
@@ -119,14 +132,11 @@ class SequenceDeformer(Deformer):
         frames = root_frames(clip, "root")
         motion = body_motion(clip, frames)
         _check_joints(clip, motion, known)
+        body = frames.to_canonical(clip.body.vertices)
         same = same_rate(clip.fps, known.fps)
-        sampled = motion if same else motion.at(known.fps)
-        predicted = self._canonical(
-            self._network,
-            torch.from_numpy(root_features(sampled)),
-            torch.from_numpy(joint_features(sampled)),
-            torch.from_numpy(clip.template.vertices),
-        ).numpy()
+        if not same:
+            motion, body = motion.at(known.fps), at_samples(body, clip.fps, known.fps)
+        predicted = self._canonical(self._network, _given(clip, motion, body)).numpy()
         if not same:
             predicted = at_frames(predicted, clip.n_frames, clip.fps, known.fps)
         return frames.to_world(predicted)
@@ -158,7 +168,7 @@ def gather(clips: Sequence[Clip]) -> FitClips:
         InputError: clips of several garments, frame rates or numbers of joints, without poses or motion.
     """
     first = same_garment(clips)
-    root, joints, positions = [], [], []
+    given, positions = [], []
     for clip in clips:
         if not same_rate(clip.fps, first.fps):
             raise InputError(
@@ -171,18 +181,28 @@ def gather(clips: Sequence[Clip]) -> FitClips:
             known = Known(first.template.faces, first.template.vertices, _parents(first), first.fps)
         _check_joints(clip, motion, known)
         assert clip.garment is not None
-        root.append(torch.from_numpy(root_features(motion)))
-        joints.append(torch.from_numpy(joint_features(motion)))
+        given.append(_given(clip, motion, frames.to_canonical(clip.body.vertices)))
         positions.append(torch.from_numpy(frames.to_canonical(clip.garment.vertices)))
-    lengths = tuple(len(part) for part in root)
+    lengths = tuple(len(own.root) for own in given)
     return FitClips(
         known,
+        tuple(given),
         lengths,
-        torch.cat(root),
-        torch.cat(joints),
+        torch.cat([own.root for own in given]),
+        torch.cat([own.joints for own in given]),
         torch.cat(positions),
-        torch.stack([torch.from_numpy(clip.template.vertices) for clip in clips]),
+        torch.stack([own.template for own in given]),
         torch.repeat_interleave(torch.arange(len(clips)), torch.tensor(lengths)),
+    )
+
+
+def _given(clip: Clip, motion: BodyMotion, body: np.ndarray) -> Given:
+    return Given(
+        torch.from_numpy(root_features(motion)),
+        torch.from_numpy(joint_features(motion)),
+        torch.from_numpy(clip.template.vertices),
+        clip.body.rest,
+        body,
     )
 
 

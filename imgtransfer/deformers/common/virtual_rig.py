@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
@@ -12,14 +13,16 @@ from torch import Tensor
 from imgtransfer.config.schema import Section
 from imgtransfer.deformers.base import FitFolder
 from imgtransfer.deformers.common.bone_skinning import BoneSkinning, bones_about
+from imgtransfer.deformers.common.carriers import Carried, carriers
 from imgtransfer.deformers.common.descent_config import Frames
 from imgtransfer.deformers.common.rigid_bones import first_bones, refine_bones
-from imgtransfer.deformers.common.sequence import FitClips
+from imgtransfer.deformers.common.sequence import FitClips, Given
 from imgtransfer.deformers.common.ssdr import decompose
 from imgtransfer.training.checkpoint import FORMAT_VERSION, read_tensors, write_tensors
 from render import InputError, Option, one_blas_thread
 
 _FORMAT, _FILE = "imgtransfer-virtual-bones", "bones.safetensors"
+_NAMES = ("weights", "turn", "offset", "carrier_turn", "carrier_offset")
 _SWEEPS = 4  # over the bones of each clip, with the weights as they are
 
 
@@ -30,6 +33,11 @@ class RigConfig(Section):
         80, ge=1, le=2000, description="Virtual bones, |V|; fewer for a template of fewer vertices."
     )
     influences: int = Field(4, ge=1, le=8, description="Bones that move a vertex, at most.")
+    follow: Literal["root", "body"] = Field(
+        "root",
+        description="What networks predict the bones' motion against: the body's root (the papers), or the part of the "
+        "body's surface that is nearest to a bone at rest, which few training clips teach more of.",
+    )
     frames: Frames = Field(
         400, ge=2, le=10**6, description="Frames, spread evenly over the clips, that weights are solved from."
     )
@@ -45,12 +53,15 @@ class Rig:
 
     Args:
         weights: W, (N, V) float32.
-        turn: (S, V, 3, 3) float32, offset: (S, V, 3) float32, metres; of all frames, see `BoneSkinning`.
+        turn: (S, V, 3, 3) float32, offset: (S, V, 3) float32, metres; of all frames against the carriers, see
+            `BoneSkinning`.
+        carried: by what, in all frames.
     """
 
     weights: Tensor
     turn: Tensor
     offset: Tensor
+    carried: Carried
 
     def skinning(self) -> BoneSkinning:
         """The skinning by these bones, which knows how they move on average."""
@@ -71,15 +82,17 @@ def virtual_rig(clips: FitClips, config: RigConfig, folder: FitFolder) -> Rig:
     settings = config.model_dump(mode="json")
     if path.exists():
         tensors, header = read_tensors(path, _FORMAT)
-        same = header.get("rig") == settings and {"weights", "turn", "offset"} <= tensors.keys()
+        same = header.get("rig") == settings and set(_NAMES) <= tensors.keys()
         shape = (len(clips.root), clips.positions.shape[1])
         if not same or (len(tensors["turn"]), len(tensors["weights"])) != shape:
             raise InputError(
                 f"{path}: of other clips or settings than this run's; choose another {Option('out')} for a new run"
             )
-        return Rig(tensors["weights"], tensors["turn"], tensors["offset"])
+        weights, turn, offset, *carried = (tensors[name] for name in _NAMES)
+        return Rig(weights, turn, offset, Carried(*carried))
     rig = _decompose(clips, config)
-    tensors = {"weights": rig.weights, "turn": rig.turn, "offset": rig.offset}
+    parts = (rig.weights, rig.turn, rig.offset, rig.carried.turn, rig.carried.offset)
+    tensors = dict(zip(_NAMES, parts, strict=True))
     write_tensors(path, tensors, {"format": _FORMAT, "format_version": FORMAT_VERSION, "rig": settings})
     return rig
 
@@ -101,16 +114,22 @@ def _decompose(clips: FitClips, config: RigConfig) -> Rig:
     weights = found.weights.astype(np.float32)
     exact = weights.astype(np.float64)
     skinning = BoneSkinning(torch.from_numpy(weights)).double()
-    parts = []
+    parts, carried = [], []
     for number, positions in enumerate(clips.positions.split(list(clips.lengths))):
         rest = clips.templates[number].double()
         moves = np.ascontiguousarray(positions.numpy().swapaxes(0, 1), np.float64)
         bones = first_bones(rest.numpy(), moves, exact)
         for _ in range(_SWEEPS):
             bones = refine_bones(rest.numpy(), moves, exact, bones)
-        parts.append(bones_about(bones, skinning.places(rest).numpy()))
-    return Rig(
-        torch.from_numpy(weights),
-        torch.cat([turn for turn, _ in parts]),
-        torch.cat([shift for _, shift in parts]),
-    )
+        places = skinning.places(rest)
+        carried.append(carried_by(config, clips.given[number], places.float()))
+        parts.append(carried[-1].without(*bones_about(bones, places.numpy())))
+    turn, offset = (torch.cat([part[number] for part in parts]) for number in range(2))
+    return Rig(torch.from_numpy(weights), turn, offset, Carried.cat(carried))
+
+
+def carried_by(config: RigConfig, given: Given, places: Tensor) -> Carried:
+    """What carries bones that rest at places (V, 3), in the frames of a clip."""
+    if config.follow == "body":
+        return carriers(given.body_rest, given.body, places.numpy())
+    return Carried.nothing(len(given.root), len(places))

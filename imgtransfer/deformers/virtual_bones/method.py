@@ -11,8 +11,8 @@ from torch import Tensor, nn
 from imgtransfer.deformers.base import FitFolder
 from imgtransfer.deformers.common.bone_skinning import BoneSkinning
 from imgtransfer.deformers.common.fitting import Draw, fit_stage
-from imgtransfer.deformers.common.sequence import FitClips, Known, SequenceDeformer
-from imgtransfer.deformers.common.virtual_rig import Rig, virtual_rig
+from imgtransfer.deformers.common.sequence import FitClips, Given, Known, SequenceDeformer
+from imgtransfer.deformers.common.virtual_rig import Rig, carried_by, virtual_rig
 from imgtransfer.deformers.virtual_bones.bone_motion import BoneMotion
 from imgtransfer.deformers.virtual_bones.config import VirtualBonesConfig
 from imgtransfer.deformers.virtual_bones.displacements import Displacements, neighbours_of
@@ -44,7 +44,7 @@ class VirtualBones(SequenceDeformer):
         low = self._low(features, rig.skinning(), clips.templates[0])
         self._fit_low(low, clips, rig, features, folder)
         torch.manual_seed(folder.seed + 1)
-        high = self._fit_high(low, clips, features, folder)
+        high = self._fit_high(low, clips, rig, features, folder)
         return TwoStages(low, high)
 
     def _low(self, features: Tensor, skinning: BoneSkinning, template: Tensor) -> BoneMotion:
@@ -80,7 +80,7 @@ class VirtualBones(SequenceDeformer):
         fit_stage(low, loss, "low", self.config.low, folder)
 
     def _fit_high(
-        self, low: BoneMotion, clips: FitClips, features: Tensor, folder: FitFolder
+        self, low: BoneMotion, clips: FitClips, rig: Rig, features: Tensor, folder: FitFolder
     ) -> Displacements:
         with torch.no_grad():
             parts = [
@@ -89,7 +89,7 @@ class VirtualBones(SequenceDeformer):
             ]
             numbers = torch.cat(parts)
             some = np.linspace(0, len(numbers) - 1, min(len(numbers), _RESIDUAL_FRAMES)).round()
-            residuals = self._residuals(low, clips, numbers, torch.from_numpy(some.astype(np.int64)))[0]
+            residuals = self._residuals(low, clips, rig, numbers, torch.from_numpy(some.astype(np.int64)))[0]
         high = self._high(numbers.flatten(1), residuals, clips.known.faces, clips.templates[0])
         draw = Draw(clips.lengths, self.config.high, folder.seed + 1)
 
@@ -98,7 +98,7 @@ class VirtualBones(SequenceDeformer):
             memory = high.memory(numbers[batch.frames].flatten(2))
             frames = batch.frames.flatten()[places]
             with torch.no_grad():
-                residual, mesh, template = self._residuals(low, clips, numbers, frames)
+                residual, mesh, template = self._residuals(low, clips, rig, numbers, frames)
             error = high(memory.flatten(0, 1)[places], mesh, template) - residual
             return {"vertices_cm2": 1e4 * error.square().sum(-1).mean()}
 
@@ -107,12 +107,13 @@ class VirtualBones(SequenceDeformer):
 
     @staticmethod
     def _residuals(
-        low: BoneMotion, clips: FitClips, numbers: Tensor, frames: Tensor
+        low: BoneMotion, clips: FitClips, rig: Rig, numbers: Tensor, frames: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """What the low-frequency stage leaves, its mesh, and the template; of frames (F,), (F, N, 3) each."""
         template = clips.templates[clips.clip_of[frames]]
         skinning = low.skinning
-        mesh = skinning(*skinning.bones(numbers[frames]), skinning.places(template), template)
+        bones = rig.carried.of(frames).put(*skinning.bones(numbers[frames]))
+        mesh = skinning(*bones, skinning.places(template), template)
         return clips.positions[frames] - mesh, mesh, template
 
     def _empty(self, known: Known, tensors: dict[str, Tensor]) -> nn.Module:
@@ -123,15 +124,17 @@ class VirtualBones(SequenceDeformer):
         numbers = torch.zeros(1, 6 * weights.shape[1])
         return TwoStages(low, self._high(numbers, torch.zeros(1, *template.shape), known.faces, template))
 
-    def _canonical(self, network: nn.Module, root: Tensor, joints: Tensor, template: Tensor) -> Tensor:
+    def _canonical(self, network: nn.Module, given: Given) -> Tensor:
         assert isinstance(network, TwoStages)
         low, high = network.low, network.high
-        features = torch.cat([root, joints.flatten(1)], 1)
+        features = torch.cat([given.root, given.joints.flatten(1)], 1)
         numbers = low.numbers(low.memory.whole(features, self.config.low.warm_up_frames))
         memory = high.memory.whole(numbers.flatten(1), self.config.high.warm_up_frames)
-        places = low.skinning.places(template)
+        places = low.skinning.places(given.template)
+        carried = carried_by(self.config.rig, given, places)
         parts = []
-        for bones, own in zip(numbers.split(_AT_ONCE), memory.split(_AT_ONCE), strict=True):
-            mesh = low.skinning(*low.skinning.bones(bones), places, template)
-            parts.append(mesh + high(own, mesh, template))
+        for frames in torch.arange(len(numbers)).split(_AT_ONCE):
+            bones = carried.of(frames).put(*low.skinning.bones(numbers[frames]))
+            mesh = low.skinning(*bones, places, given.template)
+            parts.append(mesh + high(memory[frames], mesh, given.template))
         return torch.cat(parts)
