@@ -28,12 +28,6 @@ class DescentConfig(Section):
         le=10_000,
         description="Frames before each window, or copies of a clip's first before it begins, to settle in.",
     )
-    loss_frames: Frames = Field(
-        32,
-        ge=1,
-        le=100_000,
-        description="Frames of a batch, drawn at random, of which vertices are computed and compared.",
-    )
     learning_rate: Ratio = Field(1e-3, gt=0, le=10, description="At first.")
     decay_steps: int = Field(
         2600,
@@ -49,3 +43,14 @@ class DescentConfig(Section):
     def rate(self) -> Callable[[int], float]:
         """The learning rate of step 0, 1, ..."""
         return lambda step: self.learning_rate * _DECAY ** (step // self.decay_steps)
+
+
+class VertexDescentConfig(DescentConfig):
+    """The same where the loss is of vertices."""
+
+    loss_frames: Frames = Field(
+        32,
+        ge=1,
+        le=100_000,
+        description="Frames of a batch, drawn at random, of which vertices are computed and compared.",
+    )

@@ -19,18 +19,23 @@ class Draw:
 
     Args:
         lengths: frames of each clip.
+        config: of the stage.
+        seed: of the stage.
     """
 
     def __init__(self, lengths: Sequence[int], config: DescentConfig, seed: int) -> None:
         self._windows = Windows(lengths, warm_up=config.warm_up_frames, length=config.window_frames)
-        self._config, self._seed = config, seed
+        self._count, self._seed = config.windows, seed
 
-    def __call__(self, step: int) -> tuple[Batch, Tensor]:
-        """A batch (B, L), and places (F,) in it, as if it had one axis, of the frames to compute vertices of."""
-        generator = np.random.default_rng((self._seed, step))
-        batch = self._windows.draw(self._config.windows, generator)
+    def __call__(self, step: int) -> Batch:
+        """A batch (B, L)."""
+        return self._windows.draw(self._count, np.random.default_rng((self._seed, step)))
+
+    def with_frames(self, step: int, most: int) -> tuple[Batch, Tensor]:
+        """The same, and places (F,) in it, as if it had one axis, of so many of its frames that count, or all."""
+        batch = self(step)
         counted = np.flatnonzero(batch.counted.flatten().numpy())
-        chosen = generator.permutation(counted)[: self._config.loss_frames]
+        chosen = np.random.default_rng((self._seed, step, 1)).permutation(counted)[:most]
         return batch, torch.from_numpy(np.sort(chosen))
 
 

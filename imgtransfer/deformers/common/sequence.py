@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from imgtransfer.data.canonical import root_frames
+from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.deformers.base import Deformer, FitFolder, same_garment
 from imgtransfer.deformers.common.body_motion import BodyMotion, body_motion, joint_features, root_features
@@ -66,14 +66,15 @@ class Given:
 
     Args:
         root: (T, 9) float32, joints: (T, J - 1, 6) float32, see `body_motion`.
-        template: (N, 3) float32, metres. body_rest: (B, 3), body: (T, B, 3) float32 in the root's frame, metres.
+        template: (N, 3) float32, metres. body_rest: (B, 3), metres.
+        body: makes (T, B, 3) float32 in the root's frame, metres, where that is asked for.
     """
 
     root: Tensor
     joints: Tensor
     template: Tensor
     body_rest: np.ndarray
-    body: np.ndarray
+    body: Callable[[], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +133,9 @@ class SequenceDeformer(Deformer):
         frames = root_frames(clip, "root")
         motion = body_motion(clip, frames)
         _check_joints(clip, motion, known)
-        body = frames.to_canonical(clip.body.vertices)
         same = same_rate(clip.fps, known.fps)
-        if not same:
-            motion, body = motion.at(known.fps), at_samples(body, clip.fps, known.fps)
-        predicted = self._canonical(self._network, _given(clip, motion, body)).numpy()
+        given = _given(clip, motion if same else motion.at(known.fps), frames)
+        predicted = self._canonical(self._network, given).numpy()
         if not same:
             predicted = at_frames(predicted, clip.n_frames, clip.fps, known.fps)
         return frames.to_world(predicted)
@@ -181,7 +180,7 @@ def gather(clips: Sequence[Clip]) -> FitClips:
             known = Known(first.template.faces, first.template.vertices, _parents(first), first.fps)
         _check_joints(clip, motion, known)
         assert clip.garment is not None
-        given.append(_given(clip, motion, frames.to_canonical(clip.body.vertices)))
+        given.append(_given(clip, motion, frames))
         positions.append(torch.from_numpy(frames.to_canonical(clip.garment.vertices)))
     lengths = tuple(len(own.root) for own in given)
     return FitClips(
@@ -196,7 +195,13 @@ def gather(clips: Sequence[Clip]) -> FitClips:
     )
 
 
-def _given(clip: Clip, motion: BodyMotion, body: np.ndarray) -> Given:
+def _given(clip: Clip, motion: BodyMotion, frames: RootFrames) -> Given:
+    """What is told of a clip at the rate of `motion`."""
+
+    def body() -> np.ndarray:
+        posed = frames.to_canonical(clip.body.vertices)
+        return posed if same_rate(clip.fps, motion.fps) else at_samples(posed, clip.fps, motion.fps)
+
     return Given(
         torch.from_numpy(root_features(motion)),
         torch.from_numpy(joint_features(motion)),

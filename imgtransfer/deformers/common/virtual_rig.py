@@ -131,5 +131,5 @@ def _decompose(clips: FitClips, config: RigConfig) -> Rig:
 def carried_by(config: RigConfig, given: Given, places: Tensor) -> Carried:
     """What carries bones that rest at places (V, 3), in the frames of a clip."""
     if config.follow == "body":
-        return carriers(given.body_rest, given.body, places.numpy())
+        return carriers(given.body_rest, given.body(), places.numpy())
     return Carried.nothing(len(given.root), len(places))

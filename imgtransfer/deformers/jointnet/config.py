@@ -8,7 +8,7 @@ from annotated_types import Unit
 from pydantic import Field
 
 from imgtransfer.config.schema import Ratio, Section
-from imgtransfer.deformers.common.descent_config import DescentConfig
+from imgtransfer.deformers.common.descent_config import VertexDescentConfig
 from imgtransfer.deformers.common.virtual_rig import RigConfig
 
 
@@ -47,5 +47,9 @@ class JointNetConfig(Section):
     sparse_weight: Ratio = Field(
         1e-3, ge=0, le=1e6, description="λ_s, of the sum of the association matrix (equations 6 and 8)."
     )
-    low: DescentConfig = Field(DescentConfig(), description="The first stage, without displacements.")
-    high: DescentConfig = Field(DescentConfig(), description="The second stage, of the whole network.")
+    low: VertexDescentConfig = Field(
+        VertexDescentConfig(), description="The first stage, without displacements."
+    )
+    high: VertexDescentConfig = Field(
+        VertexDescentConfig(), description="The second stage, of the whole network."
+    )

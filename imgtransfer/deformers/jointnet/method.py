@@ -5,6 +5,7 @@ animation through joint-specific feature learning". Sections and equations here 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import torch
 from torch import Tensor, nn
@@ -12,14 +13,17 @@ from torch import Tensor, nn
 from imgtransfer.deformers.base import FitFolder
 from imgtransfer.deformers.common.bone_skinning import BoneSkinning
 from imgtransfer.deformers.common.carriers import Carried
+from imgtransfer.deformers.common.descent_config import VertexDescentConfig
 from imgtransfer.deformers.common.fitting import Draw, fit_stage
 from imgtransfer.deformers.common.sequence import FitClips, Given, Known, SequenceDeformer
 from imgtransfer.deformers.common.virtual_rig import Rig, carried_by, virtual_rig
+from imgtransfer.deformers.common.windows import Batch
 from imgtransfer.deformers.jointnet.config import JointNetConfig
 from imgtransfer.deformers.jointnet.joint_gru import joint_inputs, neighbour_joints
 from imgtransfer.deformers.jointnet.loss import ClothLoss
 from imgtransfer.deformers.jointnet.network import BoneNetwork, Displacements
 
+Drawn = Callable[[int], tuple[Batch, Tensor]]  # the windows of a step, and places of frames in them
 _AT_ONCE = 32  # frames whose vertices are computed together
 
 
@@ -62,14 +66,19 @@ class JointNet(SequenceDeformer):
         neighbours = torch.from_numpy(neighbour_joints(clips.known.parents))
         network = self._made(clips.known, joint_inputs(clips.root, clips.joints, neighbours), rig.skinning())
         low, high = self.config.low, self.config.high
-        terms = self._terms(network, network.skinned, clips, rig, Draw(clips.lengths, low, folder.seed))
+        terms = self._terms(network, network.skinned, clips, rig, _drawn(clips, low, folder.seed))
         fit_stage(network.low, terms, "low", low, folder)
-        terms = self._terms(network, network, clips, rig, Draw(clips.lengths, high, folder.seed + 1))
+        terms = self._terms(network, network, clips, rig, _drawn(clips, high, folder.seed + 1))
         fit_stage(network, terms, "high", high, folder)
         return network
 
     def _terms(
-        self, network: BothStages, predict: Callable[..., Tensor], clips: FitClips, rig: Rig, draw: Draw
+        self,
+        network: BothStages,
+        predict: Callable[..., Tensor],
+        clips: FitClips,
+        rig: Rig,
+        draw: Drawn,
     ) -> Callable[[int], dict[str, Tensor]]:
         """The objective of a step, where `predict` makes vertices as `BothStages.forward` does."""
         objective = ClothLoss(clips.known.faces, len(clips.known.template), self.config)
@@ -100,3 +109,8 @@ class JointNet(SequenceDeformer):
         carried = carried_by(self.config.rig, given, network.low.skinning.places(given.template))
         parts = torch.arange(len(memory)).split(_AT_ONCE)
         return torch.cat([network(memory[frames], given.template, carried.of(frames)) for frames in parts])
+
+
+def _drawn(clips: FitClips, config: VertexDescentConfig, seed: int) -> Drawn:
+    """The batch of each step, and the places of the frames in it whose vertices are compared."""
+    return partial(Draw(clips.lengths, config, seed).with_frames, most=config.loss_frames)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from imgtransfer.config.schema import Ratio, Section
-from imgtransfer.deformers.common.descent_config import DescentConfig
+from imgtransfer.deformers.common.descent_config import DescentConfig, VertexDescentConfig
 from imgtransfer.deformers.common.virtual_rig import RigConfig
 
 
@@ -29,4 +29,4 @@ class VirtualBonesConfig(Section):
         0.5, ge=0, lt=1, description="Part of the recurrent units hidden in each training step."
     )
     low: DescentConfig = Field(DescentConfig(), description="How the motion of the bones is fitted.")
-    high: DescentConfig = Field(DescentConfig(), description="How the displacements are fitted.")
+    high: VertexDescentConfig = Field(VertexDescentConfig(), description="How the displacements are fitted.")

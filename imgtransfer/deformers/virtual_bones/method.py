@@ -72,7 +72,7 @@ class VirtualBones(SequenceDeformer):
         draw = Draw(clips.lengths, self.config.low, folder.seed)
 
         def loss(step: int) -> dict[str, Tensor]:
-            batch, _ = draw(step)
+            batch = draw(step)
             numbers = low.numbers(low.memory(features[batch.frames])[batch.counted])
             chosen = batch.frames[batch.counted]
             return {"bones_cm2": low.loss(numbers, rig.turn[chosen], rig.offset[chosen])}
@@ -94,7 +94,7 @@ class VirtualBones(SequenceDeformer):
         draw = Draw(clips.lengths, self.config.high, folder.seed + 1)
 
         def loss(step: int) -> dict[str, Tensor]:
-            batch, places = draw(step)
+            batch, places = draw.with_frames(step, self.config.high.loss_frames)
             memory = high.memory(numbers[batch.frames].flatten(2))
             frames = batch.frames.flatten()[places]
             with torch.no_grad():

@@ -45,9 +45,9 @@ def error_mm(got, clip):
     return 1e3 * np.linalg.norm(got - clip.garment.vertices, axis=-1).mean()
 
 
-def test_one_short_clip_is_learned_to_four_millimetres(method):
+def test_one_short_clip_is_learned_to_three_millimetres(method):
     clip = tube_clip(FRAMES)
-    assert error_mm(method.predict(clip), clip) < 4  # the clip moves by decimetres
+    assert error_mm(method.predict(clip), clip) < 3  # 17 with bones that stay
 
 
 def test_a_clip_turned_about_the_vertical_is_predicted_turned(method):
@@ -98,7 +98,7 @@ def test_sparsity_takes_associations_to_nothing(tmp_path):
         update={
             "sparse_weight": 10.0,
             "normal_weight": 0.0,
-            "low": BRIEF.low.model_copy(update={"steps": 60, "learning_rate": 0.05}),
+            "low": BRIEF.low.model_copy(update={"steps": 25, "learning_rate": 0.1}),
         }
     )
     active = fitted(tmp_path, config)._network.low.active()

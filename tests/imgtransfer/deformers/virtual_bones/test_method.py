@@ -13,14 +13,14 @@ from tests.helpers.synthetic import tube_clip
 from tests.imgtransfer.deformers.moves import placed, turned
 
 FRAMES = 24
-STAGE = {"windows": 1, "window_frames": 24, "warm_up_frames": 4, "loss_frames": 8, "learning_rate": 1e-2}
+STAGE = {"windows": 1, "window_frames": 24, "warm_up_frames": 4, "learning_rate": 1e-2}
 SMALL = VirtualBonesConfig(
     rig={"bones": 6, "frames": 24, "rounds": 4},
     hidden=32,
     dropout=0.0,
     vertex_features=4,
     low=STAGE | {"steps": 100, "decay_steps": 50},
-    high=STAGE | {"steps": 30, "decay_steps": 20},
+    high=STAGE | {"loss_frames": 8, "steps": 30, "decay_steps": 20},
 )
 BRIEF = SMALL.model_copy(
     update={key: getattr(SMALL, key).model_copy(update={"steps": 3}) for key in ("low", "high")}
@@ -42,9 +42,9 @@ def error_mm(got, clip):
     return 1e3 * np.linalg.norm(got - clip.garment.vertices, axis=-1).mean()
 
 
-def test_one_short_clip_is_learned_to_three_millimetres(method):
+def test_one_short_clip_is_learned_to_two_millimetres(method):
     clip = tube_clip(FRAMES)
-    assert error_mm(method.predict(clip), clip) < 3  # the clip moves by decimetres
+    assert error_mm(method.predict(clip), clip) < 2  # 18 with bones that stay
 
 
 def test_displacements_take_something_off_what_the_bones_leave(method):
