@@ -134,7 +134,10 @@ class SequenceDeformer(Deformer):
         motion = body_motion(clip, frames)
         _check_joints(clip, motion, known)
         same = same_rate(clip.fps, known.fps)
-        given = _given(clip, motion if same else motion.at(known.fps), frames)
+        try:
+            given = _given(clip, motion if same else motion.at(known.fps), frames)
+        except InputError as error:
+            raise InputError(f"{clip.name}: {error}") from error
         predicted = self._canonical(self._network, given).numpy()
         if not same:
             predicted = at_frames(predicted, clip.n_frames, clip.fps, known.fps)

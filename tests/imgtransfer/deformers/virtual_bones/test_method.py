@@ -130,6 +130,11 @@ def test_clips_of_another_body_shape_and_length_are_fitted_together(tmp_path):
     assert error_mm(got, clips[1]) < 100
 
 
+def test_a_clip_of_hours_between_its_frames_is_refused_in_one_line(method):
+    with pytest.raises(InputError, match=r"tube/bend: fps: 90 frames at 0.01 a second are 8.9e\+03 s long"):
+        method.predict(replace(tube_clip(90), fps=0.01))
+
+
 def test_bad_clips_are_refused_in_one_line(method, tmp_path):
     clip = tube_clip(4)
     bare = with_arrays(clip, poses=None, trans=None, joints_rest=None, parents=None, blend_weights=None)
