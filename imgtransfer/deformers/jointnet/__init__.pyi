@@ -1,0 +1,2 @@
+from .config import JointNetConfig as JointNetConfig
+from .method import JointNet as JointNet

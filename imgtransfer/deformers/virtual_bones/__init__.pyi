@@ -1,0 +1,2 @@
+from .config import VirtualBonesConfig as VirtualBonesConfig
+from .method import VirtualBones as VirtualBones
