@@ -54,9 +54,10 @@ class AnchorDef(Deformer):
         first = same_garment(clips)
         self._check(clips)
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        neighbours, network = self._begin(first, folder.seed)
-        self.network = network.to(device)
+        centres = initial_anchors(first.template.vertices, self.config.anchors, folder.seed)
+        neighbours = nearest(centres, first.template.vertices, self.config.vertices_of_anchor)
         frames = training_frames(clips, neighbours, device)
+        self.network = self._begin(first, neighbours, frames.features.cpu(), folder.seed).to(device)
         folds = None
         if self.config.simplified_frames:
             folds = simplified_frames(frames, self.config.simplified_frames, self.config.anchors)
@@ -114,7 +115,9 @@ class AnchorDef(Deformer):
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
         try:
-            network = AnchorNetwork(self.config, _sizes(self.config, tensors))
+            network = AnchorNetwork(
+                self.config, _sizes(self.config, tensors), torch.zeros(1, len(tensors["standardise.mean"]))
+            )
             network.load_state_dict(tensors, strict=True)
         except (KeyError, IndexError, RuntimeError) as error:
             raise ValueError(f"not what anchordef with these settings has: {error}") from error
@@ -154,26 +157,15 @@ class AnchorDef(Deformer):
                 f"fitted to ({len(faces)})"
             )
 
-    def _begin(self, clip: Clip, seed: int) -> tuple[np.ndarray, AnchorNetwork]:
-        """The anchors' neighbours (A, K) on a clip's template, and the network before its first step."""
+    def _begin(self, clip: Clip, neighbours: np.ndarray, features: Tensor, seed: int) -> AnchorNetwork:
+        """The network before its first step, on a clip's template with the anchors' neighbours (A, K)."""
         config, template = self.config, clip.template
-        centres = initial_anchors(template.vertices, config.anchors, seed)
-        neighbours = nearest(centres, template.vertices, config.vertices_of_anchor)
         places = template.vertices[neighbours].mean(1).astype(np.float64)  # equation 9
         near = nearest(template.vertices, places, config.anchors_of_vertex)
-        features = 9 + 6 * (_joints(clip) - 1)
         torch.manual_seed(seed)
-        network = AnchorNetwork(
-            config,
-            Sizes(
-                features,
-                len(template.vertices),
-                len(template.faces),
-                config.anchors,
-                near.shape[1],
-                neighbours.shape[1],
-            ),
-        )
+        vertices, faces = len(template.vertices), len(template.faces)
+        sizes = Sizes(vertices, faces, config.anchors, near.shape[1], neighbours.shape[1])
+        network = AnchorNetwork(config, sizes, features)
         squared = np.square(template.vertices[:, None] - places).sum(-1)
         farthest = np.take_along_axis(squared, near[:, -1:], 1)
         with torch.no_grad():
@@ -183,7 +175,7 @@ class AnchorDef(Deformer):
             network.tight.copy_(torch.from_numpy(self._tight(clip, places)))
             network.faces.copy_(torch.from_numpy(template.faces.astype(np.int64)))
             network.fps.fill_(clip.fps)
-        return neighbours, network
+        return network
 
     def _tight(self, clip: Clip, anchors: np.ndarray) -> np.ndarray:
         if self.config.strategy != "mixed":
@@ -197,19 +189,8 @@ class AnchorDef(Deformer):
         return tight_anchors(anchors, joints.astype(np.float64), self.config.tight_within_m)
 
 
-def _joints(clip: Clip) -> int:
-    poses = clip.skeleton.poses
-    if poses is None:
-        raise InputError(
-            f"{clip.name}: has no poses (T, J, 3), from which anchordef reads the body's motion; give clips with a "
-            "skeleton"
-        )
-    return poses.shape[1]
-
-
 def _sizes(config: AnchorDefConfig, tensors: dict[str, Tensor]) -> Sizes:
     return Sizes(
-        features=tensors["gru.weight_ih_l0"].shape[1],
         vertices=tensors["logits"].shape[0],
         faces=tensors["faces"].shape[0],
         anchors=config.anchors,

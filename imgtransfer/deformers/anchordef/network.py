@@ -11,15 +11,15 @@ import torch
 from torch import Tensor, nn
 
 from imgtransfer.deformers.anchordef.config import AnchorDefConfig
+from imgtransfer.deformers.common.recurrent import Standardise
 
 TRANSLATION_M, DISPLACEMENT_M = 0.1, 0.02  # what an output of 1 means, so that all outputs are of one order
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """What tensors depend on beside the configuration: features, vertices N, faces, anchors, N' and K."""
+    """What tensors depend on beside the configuration: vertices N, faces, anchors, N' and K."""
 
-    features: int
     vertices: int
     faces: int
     anchors: int
@@ -45,6 +45,11 @@ class Outputs:
 class AnchorNetwork(nn.Module):
     """The body motion encoder with both MLPs (figure 10), and what it learns of the template: blend weights, places.
 
+    The features are standardised by those of the training, beyond which the paper's raw pose and place would lead it.
+
+    Args:
+        features: (S, C) of all training frames.
+
     Buffers, set by the fit: `faces` (F, 3) of the garment, `fps` (), `neighbours` (A, K) vertices of each anchor,
     `anchors_near` (N, N') anchors of each vertex, `tight` (A,) bool.
     """
@@ -55,12 +60,13 @@ class AnchorNetwork(nn.Module):
     fps: Tensor
     faces: Tensor
 
-    def __init__(self, config: AnchorDefConfig, sizes: Sizes) -> None:
+    def __init__(self, config: AnchorDefConfig, sizes: Sizes, features: Tensor) -> None:
         super().__init__()
         self._initial_state_std = config.initial_state_std
         self._anchors = sizes.anchors
         width = config.width
-        self.gru = nn.GRU(sizes.features, width, config.layers, batch_first=True)
+        self.standardise = Standardise(features)
+        self.gru = nn.GRU(features.shape[1], width, config.layers, batch_first=True)
         self.transformations = _mlp(width, sizes.anchors * 6)
         self.displacements = _mlp(width, sizes.vertices * 3)
         self.alpha = nn.Parameter(torch.zeros(sizes.anchors, sizes.vertices_of_anchor))
@@ -84,7 +90,7 @@ class AnchorNetwork(nn.Module):
         if self.training and self._initial_state_std:
             shape = (self.gru.num_layers, len(features), self.gru.hidden_size)
             state = self._initial_state_std * torch.randn(shape, device=features.device)
-        encoded, _ = self.gru(features, state)
+        encoded, _ = self.gru(self.standardise(features), state)
         transformations = self.transformations(encoded).unflatten(-1, (self._anchors, 6))
         displacements = self.displacements(encoded).unflatten(-1, (-1, 3))
         return Outputs(

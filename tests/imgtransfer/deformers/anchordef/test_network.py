@@ -15,13 +15,13 @@ from imgtransfer.deformers.anchordef.network import (
     euler_rotation,
 )
 
-SIZES = Sizes(features=5, vertices=4, faces=2, anchors=3, anchors_of_vertex=2, vertices_of_anchor=2)
+SIZES = Sizes(vertices=4, faces=2, anchors=3, anchors_of_vertex=2, vertices_of_anchor=2)
 CONFIG = AnchorDefConfig(width=8, anchors=3)
 
 
 def _network() -> AnchorNetwork:
     torch.manual_seed(0)
-    network = AnchorNetwork(CONFIG, SIZES)
+    network = AnchorNetwork(CONFIG, SIZES, torch.randn(20, 5))
     network.neighbours.copy_(torch.tensor([[0, 1], [2, 3], [1, 3]]))
     network.anchors_near.copy_(torch.tensor([[0, 1], [0, 2], [1, 2], [2, 1]]))
     return network.eval()
