@@ -21,8 +21,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="print every key of a configuration with unit, default and range",
         description="Prints the configuration of a command as YAML with a comment on every key: what it means, its "
         "type and range, its unit. All defaults stand in it, so it can be written to a file, changed and given to "
-        "the command. Keys that have no default are comments, and so are other kinds of garment and body. With FILE "
-        "or --set it shows the values that the command would take, the defaults too.",
+        "the command. Keys that have no default are comments, and so are other kinds of garment and body, and the "
+        "methods that can be trained in place of the networks. With FILE or --set it shows the values that the "
+        "command would take, the defaults too.",
         examples=(
             "imgtransfer config fuse > fusion.yaml",
             "imgtransfer config train configs/demo.yaml --set training.steps=1000",
@@ -41,9 +42,35 @@ def run(args: argparse.Namespace) -> None:
     from imgtransfer.config.commented import commented_yaml  # noqa: PLC0415
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
 
-    schema = schema_of(args.command)
-    config = load_config(schema, args.file, args.set) if args.file is not None or args.set else None
-    print(commented_yaml(schema, config), end="")
+    if args.file is None and not args.set:
+        print(commented_yaml(schema_of(args.command)), end="")
+        if args.command == "train":
+            print(_methods(), end="")
+        return
+    if args.command == "train":
+        from imgtransfer.deformers.config import load_run_config  # noqa: PLC0415
+
+        config: BaseModel = load_run_config(args.file, args.set)
+    else:
+        config = load_config(schema_of(args.command), args.file, args.set)
+    print(commented_yaml(type(config), config), end="")
+
+
+def _methods() -> str:
+    """Every method that a training's file can name in place of the networks, as comments."""
+    from imgtransfer.config.commented import commented_yaml  # noqa: PLC0415
+    from imgtransfer.deformers.config import method_section  # noqa: PLC0415
+    from imgtransfer.deformers.registry import NETWORK, deformer_names  # noqa: PLC0415
+
+    lines = [
+        "",
+        "In place of maps, network and training, with seed and threads at the top beside data and method:",
+    ]
+    for name in deformer_names():
+        if name != NETWORK:  # its sections stand above
+            text = commented_yaml(method_section(name))
+            lines += ["", "method:", *(f"  {line}".rstrip() for line in text.splitlines())]
+    return "".join(f"{f'# {line}'.rstrip()}\n" for line in lines)
 
 
 def schema_of(command: str) -> type[BaseModel]:

@@ -1,4 +1,4 @@
-"""`imgtransfer train`: train both transfer networks from a YAML file."""
+"""`imgtransfer train`: train both transfer networks, or fit another method, from a YAML file."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """The command's arguments."""
     parser = subparsers.add_parser(
         "train",
-        help="train the transfer networks from a YAML file",
+        help="train the transfer networks from a YAML file, or a method to compare them with",
         description="Writes model.safetensors, log.jsonl, config.yaml and the state to resume from. "
-        "Ctrl-C or SIGTERM saves the state and stops. It is also saved every ten minutes.",
+        "Ctrl-C or SIGTERM saves the state and stops. It is also saved every ten minutes. A file with a section "
+        "`method` is of another method than the networks; docs/benchmark.md says which there are.",
         examples=(
             "imgtransfer train configs/demo.yaml --out runs/demo",
             "imgtransfer train configs/demo.yaml --data my_data.zarr --set training.steps=20000 --out runs/mine",
+            "imgtransfer train configs/methods/pose_regression.yaml --out runs/regression",
         ),
     )
     parser.add_argument("config", type=Path, help="the run's YAML, such as configs/demo.yaml")
@@ -42,7 +44,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> None:
     """Train, and say where the results are."""
-    from imgtransfer.config.loader import load_config  # noqa: PLC0415
+    from imgtransfer.deformers.config import load_run_config  # noqa: PLC0415
+    from imgtransfer.deformers.fit import fit_run  # noqa: PLC0415
     from imgtransfer.training.config import RunConfig  # noqa: PLC0415
     from imgtransfer.training.loop import CONFIG_FILE, LOG_FILE, train  # noqa: PLC0415
 
@@ -52,10 +55,14 @@ def run(args: argparse.Namespace) -> None:
     for option, key in paths.items():
         if (path := getattr(args, option)) is not None:
             changes.append(f"{key}={json.dumps(str(path))}")  # whatever the path, a text to YAML
-    config = load_config(RunConfig, args.config, changes)
+    config = load_run_config(args.config, changes)
     out = args.out or Path("runs") / args.config.stem
-    model = train(config, out, resume=args.resume)
+    if isinstance(config, RunConfig):
+        model = train(config, out, resume=args.resume)
+    else:
+        model = fit_run(config, out, resume=args.resume)
     print(f"model   {model}")
-    print(f"log     {out / LOG_FILE}")
+    if (out / LOG_FILE).exists():
+        print(f"log     {out / LOG_FILE}")
     print(f"config  {out / CONFIG_FILE}")
     print(f"next    imgtransfer predict {out} {config.data.sources[0]} --out {out / 'predicted'}")

@@ -17,7 +17,8 @@ from torch import Tensor
 
 from imgtransfer.config.schema import Section
 from imgtransfer.data.clip import Clip
-from render import InputError
+from imgtransfer.training.config import DataConfig
+from render import InputError, Option
 
 
 @dataclass(frozen=True)
@@ -28,11 +29,13 @@ class FitFolder:
         path: the run's folder, which exists.
         seed: of all that is random.
         threads: of PyTorch's; None leaves the choice to the environment.
+        data: where the clips come from, for a method that reads single frames by itself.
     """
 
     path: Path
     seed: int = 0
     threads: int | None = None
+    data: DataConfig | None = None
 
 
 class Deformer(ABC):
@@ -71,6 +74,14 @@ class Deformer(ABC):
             InputError: a clip of another garment, or without what the method needs.
         """
 
+    def check(self, still: Clip) -> None:
+        """Whether the method can predict a clip, told from its first frame, before any work.
+
+        Raises:
+            InputError: a clip of another garment, or without what the method needs.
+        """
+        self.predict(still)
+
     @abstractmethod
     def tensors(self) -> dict[str, Tensor]:
         """Everything that was fitted, by name, for a safetensors file."""
@@ -108,3 +119,12 @@ def same_garment(clips: Sequence[Clip]) -> Clip:
                 f"({len(first.template.faces)}); a method is fitted to one garment, choose clips with data.train.names"
             )
     return first
+
+
+def check_faces(clip: Clip, faces: np.ndarray) -> None:
+    """Raise InputError where a clip is of another garment than that with these faces (F, 3)."""
+    if not np.array_equal(clip.template.faces, faces):
+        raise InputError(
+            f"{clip.name}: another garment ({len(clip.template.vertices)} vertices, {len(clip.template.faces)} faces) "
+            f"than that which the method was fitted to ({len(faces)} faces); choose clips with {Option('clips')}"
+        )

@@ -26,6 +26,7 @@ MODEL_FILE, STATE_FILE = "model.safetensors", "state.safetensors"
 MODEL_FORMAT, STATE_FORMAT, FORMAT_VERSION = "imgtransfer-model", "imgtransfer-training-state", 2
 # Large numbers of both signs that nearly cancel.
 NEVER_ROUNDED = frozenset({"head.weights", "head.offset", "head.width"})
+_UNREADABLE = (SafetensorError, OSError, ValueError, TypeError, KeyError, RuntimeError, MemoryError)
 READABLE_VERSIONS = (1, 2)  # version 1 has no body: its models know one shape
 
 
@@ -242,18 +243,30 @@ def read_tensors(path: Path, wanted: str) -> tuple[dict[str, Tensor], dict[str, 
     Raises:
         InputError: no such file, not safetensors, or not of format `wanted` and a version that this one reads.
     """
-    check_regular(path, "a file that `imgtransfer train` wrote")
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118, not a dict
-        header = json.loads(metadata.get("imgtransfer", "{}"))
-    # A header may be nested without end, and name types that PyTorch has none of.
-    except (SafetensorError, OSError, ValueError, TypeError, KeyError, RuntimeError, MemoryError) as error:
-        raise InputError(f"{path}: not a readable safetensors file ({said_by(error)})") from error
-    header = header if isinstance(header, dict) else {}
+    header = read_header(path)
     kind, version = header.get("format"), header.get("format_version")
     if kind != wanted or version not in READABLE_VERSIONS:
         versions = " or ".join(map(str, READABLE_VERSIONS))
         raise InputError(f"{path}: {wanted} version {versions} wanted, found {kind} version {version}")
+    try:
+        with safe_open(path, framework="pt") as file:
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118, not a dict
+    # A header may name types that PyTorch has none of.
+    except _UNREADABLE as error:
+        raise InputError(f"{path}: not a readable safetensors file ({said_by(error)})") from error
     return tensors, header
+
+
+def read_header(path: Path) -> dict[str, Any]:
+    """What `write_tensors` put into a file's metadata; empty where that is none of ours.
+
+    Raises:
+        InputError: no such file, or not safetensors.
+    """
+    check_regular(path, "a file that `imgtransfer train` wrote")
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = json.loads((file.metadata() or {}).get("imgtransfer", "{}"))
+    except _UNREADABLE as error:  # a header may be nested without end
+        raise InputError(f"{path}: not a readable safetensors file ({said_by(error)})") from error
+    return header if isinstance(header, dict) else {}

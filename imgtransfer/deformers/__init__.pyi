@@ -1,0 +1,13 @@
+from .base import Deformer as Deformer
+from .base import FitFolder as FitFolder
+from .base import same_garment as same_garment
+from .checkpoint import load_deformer as load_deformer
+from .checkpoint import save_deformer as save_deformer
+from .config import MethodRunConfig as MethodRunConfig
+from .config import load_run_config as load_run_config
+from .descent import descend as descend
+from .fit import fit_run as fit_run
+from .predict import DeformTask as DeformTask
+from .predict import deform_clip as deform_clip
+from .registry import deformer_class as deformer_class
+from .registry import deformer_names as deformer_names

@@ -1,0 +1,2 @@
+from .method import ImageTransfer as ImageTransfer
+from .method import ImageTransferConfig as ImageTransferConfig

@@ -1,0 +1,2 @@
+from .method import PoseRegression as PoseRegression
+from .method import PoseRegressionConfig as PoseRegressionConfig

@@ -1,0 +1,109 @@
+"""A clip's garment by any fitted method, in the folder that `predict` writes and `fuse` and `evaluate` read."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import torch
+
+from imgtransfer.data.canonical import root_frames
+from imgtransfer.data.clip import Clip, written_clip
+from imgtransfer.data.source import ClipRef
+from imgtransfer.deformers.base import Deformer
+from imgtransfer.deformers.checkpoint import load_deformer
+from imgtransfer.deformers.fit import clips_fingerprint
+from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE
+from imgtransfer.pipeline.standing import clip_stands
+from imgtransfer.running.fingerprint import MADE, fingerprint, made_anew
+from render import MapFile, Option, PositionBox, TemplateImager, written_maps
+from render.files.atomic import written_whole_folder
+
+VIEWS, SIZE = ("front", "back"), (128, 128)  # of the maps that the fusion refines
+_TOGETHER = 16  # frames whose maps are made together
+
+
+@dataclass(frozen=True)
+class DeformTask:
+    """One clip to predict by a fitted method.
+
+    Args:
+        model: its file or a run's folder. mark: the file's `fingerprint`.
+        clip: with the body.
+        folder: for the results; appears whole or not at all.
+        maps: whether to render the vertices to maps as well, for the fusion.
+        overwrite: whether to predict again what this method has predicted already.
+    """
+
+    model: Path
+    mark: str
+    clip: ClipRef
+    folder: Path
+    maps: bool = False
+    overwrite: bool = False
+
+    @property
+    def name(self) -> str:
+        """The clip's name."""
+        return self.clip.name
+
+
+def deform_clip(task: DeformTask) -> str:
+    """Predict a clip and write it; returns a line about it.
+
+    Raises:
+        InputError: a file or clip that cannot be read, or that do not fit each other.
+    """
+    clip = replace(task.clip.load(), garment=None)
+    made = fingerprint([task.mark, clips_fingerprint([clip])])
+    whole = (task.folder / MAPS_FILE).is_file() or not task.maps
+    if whole and not task.overwrite and clip_stands(task.folder / POSITION_ONLY_FILE, made):
+        return f"{task.folder}  predicted by this model already; {Option('overwrite', True)} does it again"
+    started = time.perf_counter()
+    vertices = _deformer(task.model, task.mark).predict(clip)
+    each = 1e3 * (time.perf_counter() - started) / clip.n_frames
+    info = made_anew(clip.info) | {"model": task.mark, MADE: made}
+    with written_whole_folder(task.folder) as temporary:
+        if task.maps:
+            write_maps(temporary / MAPS_FILE, clip.with_garment(vertices))
+        with written_clip(temporary / POSITION_ONLY_FILE) as add:
+            add(replace(clip.with_garment(vertices), info=info))
+    return f"{task.folder}  {clip.n_frames} frames, {each:.1f} ms each"
+
+
+def write_maps(path: Path, clip: Clip) -> None:
+    """Render a clip's garment to position and normal maps in canonical frames.
+
+    Args:
+        path: the file.
+        clip: with a garment in motion.
+    """
+    assert clip.garment is not None
+    imager = TemplateImager.build(clip.template_mesh, views=VIEWS, size=SIZE)
+    frames = root_frames(clip, "root")
+    canonical = frames.to_canonical(clip.garment.vertices)
+    box = PositionBox.around(canonical)
+    with written_maps(path) as add:
+        for first in range(0, clip.n_frames, _TOGETHER):
+            part = slice(first, first + _TOGETHER)
+            position, normal = imager.maps(torch.from_numpy(canonical[part]), box)
+            of = frames.part(part)
+            add(
+                MapFile.of(
+                    imager,
+                    position=position.numpy(),
+                    normal=normal.numpy(),
+                    box=box,
+                    rotation=of.rotation,
+                    translation=of.translation,
+                    fps=clip.fps,
+                )
+            )
+
+
+@lru_cache(maxsize=1)
+def _deformer(path: Path, mark: str) -> Deformer:
+    """The method, read once a process; `mark` tells it from an earlier one at the same path."""
+    return load_deformer(path)
