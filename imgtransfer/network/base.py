@@ -116,8 +116,12 @@ class BodyGuess:
 
 
 def apply(rotation: Tensor, vectors: Tensor) -> Tensor:
-    """(..., 3, 3) times (..., 3). Not a matrix product, which autocast would round to bfloat16."""
-    return (rotation * vectors[..., None, :]).sum(-1)
+    """(..., 3, 3) times (..., 3). Not a matrix product, which autocast would round to bfloat16.
+
+    Column by column: summing over an axis of three takes four times as long.
+    """
+    first, second, third = (rotation[..., axis] * vectors[..., axis, None] for axis in range(3))
+    return first + second + third
 
 
 def _extension(mask: np.ndarray, body_mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -55,13 +55,22 @@ class LocalFrames:
         """
         views = positions.shape[1]
         # Sums over a patch of posed ⊗ rest, (B, C, 3, 3); the rest points have mean 0, so the posed mean drops out.
-        posed = positions.flatten(1, 3)[:, self._index]
-        covariance = posed.mT @ chosen(self._points, shape)
-        covariance += normals.flatten(1, 3)[:, self._index].mT @ chosen(self._normals, shape)
+        covariance = self._sums(positions, chosen(self._points, shape))
+        covariance += self._sums(normals, chosen(self._normals, shape))
         rotation = nearest_rotation(covariance)  # (B, S * rows * columns, 3, 3)
         grid = rotation.unflatten(1, (views, *self._grid)).flatten(0, 1).flatten(-2).movedim(-1, 1)
         smooth = functional.interpolate(grid, size=self._size, mode="bilinear", align_corners=False)
         return smooth.movedim(1, -1).unflatten(0, (-1, views)).unflatten(-1, (3, 3))
+
+    def _sums(self, posed: Tensor, rest: Tensor) -> Tensor:
+        """Images (B, S, H, W, 3), and of the patches' points (B or 1, C, P, 3) -> (B, C, 3, 3), sums of products."""
+        frames, (cells, points) = len(posed), self._index.shape
+        if len(rest) > 1:
+            return posed.flatten(1, 3)[:, self._index].mT @ rest
+        # All frames of a patch in one product: three times as fast as many of 3 x 3.
+        pixels = posed.flatten(1, 3).movedim(0, 1).flatten(1)  # (S * H * W, B * 3)
+        patches = pixels.index_select(0, self._index.flatten()).view(cells, points, -1)
+        return (rest[0].mT @ patches).unflatten(-1, (frames, 3)).permute(2, 0, 3, 1).contiguous()
 
 
 def chosen(table: Tensor, shape: Tensor | None) -> Tensor:

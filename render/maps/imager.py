@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -32,7 +33,6 @@ class TemplateImager:
         raster: what they see.
         operator: the interpolation B.
         mask: (S, H, W) bool tensor, the silhouette.
-        visible: (S, N) bool array, which vertices each view sees and can be read at.
         faces: (F, 3) int64 tensor.
         normals: vertex normals (..., N, 3) of vertices (..., N, 3).
         size: (height, width).
@@ -45,8 +45,16 @@ class TemplateImager:
         self.operator = MapOperator(raster, mesh.faces, len(mesh.vertices))
         self.mask = self.operator.mask
         self.normals = VertexNormals(mesh.faces, len(mesh.vertices))
-        self._sampler: SparseProduct
-        self._sampler, self.visible = sampling(mesh, cameras, raster)
+
+    @cached_property
+    def _sampling(self) -> tuple[SparseProduct, np.ndarray]:
+        """Made when it is first asked for: bodies are imaged, and never read back."""
+        return sampling(self.mesh, self.cameras, self.raster)
+
+    @cached_property
+    def visible(self) -> np.ndarray:
+        """(S, N) bool, which vertices each view sees and can be read at."""
+        return self._sampling[1]
 
     @classmethod
     def build(
@@ -124,5 +132,5 @@ class TemplateImager:
             raise InputError(
                 f"images must have shape (..., {views}, {self.size}, C), found {tuple(images.shape)}"
             )
-        readings = self._sampler(images.reshape(*images.shape[:-4], -1, images.shape[-1]))
+        readings = self._sampling[0](images.reshape(*images.shape[:-4], -1, images.shape[-1]))
         return readings.reshape(*images.shape[:-4], views, vertices, images.shape[-1])

@@ -131,3 +131,15 @@ def test_a_window_by_hand_stops_at_the_border() -> None:
     assert rows.tolist() == [[1, 1, 1, 5, 5, 5, 7, 7, 7], [0, 0, 0, 0, 0, 0, 1, 1, 1]]
     assert columns.tolist() == [[3, 7, 9] * 3, [8, 9, 9] * 3]
     assert squared.tolist() == [[1, 1], [1, 0], [1, 1], [0, 1], [0, 0], [0, 1], [1, 1], [1, 0], [1, 1]]
+
+
+def test_bodies_of_one_shape_turn_as_if_each_had_a_shape_of_its_own() -> None:
+    """That they are fitted in one product changes nothing but rounding."""
+    one, rests, normals = frames()
+    mask, points, _ = relief()
+    same = LocalFrames(mask, points, rests.expand(2, *rests.shape[1:]), normals.expand(2, *normals.shape))
+    generator = torch.Generator().manual_seed(1)
+    posed = rests @ turn(0.2, 0.4, -0.3).T + 0.02 * torch.randn(3, *points.shape, generator=generator)
+    turned = (normals @ turn(0.2, 0.4, -0.3).T).expand(3, *normals.shape)
+    several = same(posed, turned, torch.tensor([0, 1, 0]))
+    torch.testing.assert_close(one(posed, turned), several, rtol=0, atol=1e-5)

@@ -205,3 +205,15 @@ def test_both_kinds_of_maps_together_are_those_made_apart(imager):
     positions, normals = imager.maps(vertices, box)
     torch.testing.assert_close(positions, imager.position_maps(vertices, box), rtol=0, atol=1e-14)
     torch.testing.assert_close(normals, imager.normal_maps(vertices), rtol=0, atol=1e-14)
+
+
+def test_maps_are_made_without_working_out_how_they_would_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bodies are imaged and never read back, and that is most of what an imager costs."""
+    monkeypatch.setattr("render.maps.imager.sampling", None)  # to call it fails
+    imager = TemplateImager.build(tube(), size=(32, 24))
+    maps = imager.position_maps(
+        torch.from_numpy(imager.mesh.vertices), PositionBox.around(imager.mesh.vertices)
+    )
+    assert maps.shape == (2, 32, 24, 3)
+    with pytest.raises(TypeError):
+        _ = imager.visible
