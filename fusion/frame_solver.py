@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from queue import SimpleQueue
 
@@ -21,7 +19,7 @@ from fusion.losses import anchor_weights
 from fusion.obstacles.cached import CachedObstacle, make_obstacle, pose
 from fusion.obstacles.clearance import lift_clear
 from fusion.obstacles.untangling import Untangler
-from fusion.parallel import be_one_of_many, n_threads
+from fusion.parallel import in_order, n_threads
 from fusion.report import Stopwatch
 from fusion.robust.automatic_confidence import AutomaticConfidence, JudgedMaps
 from fusion.solvers.adam import AdamSolver
@@ -127,20 +125,7 @@ class FrameSolver:
         Raises:
             InputError: vertices that are no longer finite, a body turned inside out, or what `batches` raises.
         """
-        if self._threads == 1:
-            yield from (self.solve(batch, watch) for batch in batches)
-            return
-        waiting: deque[Future[BatchResult]] = deque()
-        with ThreadPoolExecutor(self._threads, "fusion", initializer=be_one_of_many) as pool:
-            try:
-                for batch in batches:
-                    waiting.append(pool.submit(self.solve, batch, watch))
-                    if len(waiting) > self._threads:
-                        yield waiting.popleft().result()
-                while waiting:
-                    yield waiting.popleft().result()
-            finally:
-                pool.shutdown(cancel_futures=True)
+        return in_order(lambda batch: self.solve(batch, watch), batches, threads=self._threads)
 
     def solve(self, batch: FusionInputs, watch: Stopwatch) -> BatchResult:
         """Both stages and the clean-up of some frames.

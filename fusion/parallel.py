@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
+from typing import TypeVar
 
 import torch
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 _threads: ContextVar[int | None] = ContextVar("threads", default=None)
 
@@ -37,10 +42,42 @@ def one_torch_thread() -> Iterator[None]:
         _threads.reset(token)
 
 
-def be_one_of_many() -> None:
-    """For the start of a thread that is one of several: nothing in it starts threads of its own."""
-    torch.set_num_threads(1)  # OpenMP counts by thread
+def be_one_of_many(torch_threads: int = 1) -> None:
+    """For the start of a thread that is one of several: nothing in it starts threads of its own, but torch so many."""
+    torch.set_num_threads(torch_threads)  # OpenMP counts by thread
     _threads.set(1)
+
+
+def in_order(
+    call: Callable[[Item], Result], items: Iterable[Item], *, threads: int, torch_threads: int = 1
+) -> Iterator[Result]:
+    """What `call` gives of every item, in their order; from several threads, if they let go of Python's lock.
+
+    Items are taken, and results wait, on the caller's thread: what it does with a result is done while others are made.
+
+    Args:
+        call: of one item, on any thread.
+        items: no more are asked for than keep the threads busy.
+        threads: how many; 1 makes no thread, and each result when it is asked for.
+        torch_threads: how many torch may use in each of several threads.
+
+    Raises:
+        Whatever `call` or `items` raises, in its turn.
+    """
+    if threads == 1:
+        yield from map(call, items)
+        return
+    waiting: deque[Future[Result]] = deque()
+    with ThreadPoolExecutor(threads, "batch", be_one_of_many, (torch_threads,)) as pool:
+        try:
+            for item in items:
+                waiting.append(pool.submit(call, item))
+                if len(waiting) > threads:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def run_all(pieces: Sequence[Callable[[], None]]) -> None:

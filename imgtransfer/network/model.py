@@ -18,7 +18,7 @@ from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, covered, metric_maps
 from imgtransfer.network.mirror import Garment, Mirror
-from imgtransfer.network.prediction import Prediction
+from imgtransfer.network.prediction import Prediction, ShownFrames
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.transfer import TransferNet, build_transfer_net
 from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
@@ -297,20 +297,36 @@ class Predictor:
             self._tokens = model.encode_garment(self._garment)
         self._history = None if self._body.view is None else History(model.network.history_s, clip.fps)
         of_another_shape = not same_template(clip, model.imager.mesh)
-        self._rest = clip.template.vertices.astype(np.float64) if of_another_shape else None
+        self.imager = model.imager  # of the garment's template
+        self.rest_vertices = clip.template.vertices.astype(np.float64) if of_another_shape else None
+
+    def __call__(self, clip: Clip) -> Prediction:
+        """The maps of all frames of `clip`, in one batch (about `FRAMES_AT_ONCE` are wanted); calls as for `shown`."""
+        return self.predicted(self.shown(clip))
 
     @torch.no_grad()
-    def __call__(self, clip: Clip) -> Prediction:
-        """The maps of all frames of `clip`, in one batch: about `FRAMES_AT_ONCE` are wanted.
+    def shown(self, clip: Clip) -> ShownFrames:
+        """What the maps of all frames of `clip` follow from.
 
         Where the network is shown the body at earlier times, calls must follow each other as the frames do: each goes
         on where the last ended.
         """
+        frames, device = root_frames(clip, self._model.maps.root), self._model.device
+        body = torch.from_numpy(frames.to_canonical(clip.body.vertices)).to(device)
+        if self._history is None:
+            return ShownFrames(frames, clip.fps, body)
+        assert self._body.view is not None
+        world = torch.from_numpy(clip.body.vertices.astype(np.float32)).to(device)
+        earlier, up = self._history(self._body.view.samples(world).cpu().numpy(), frames)
+        return ShownFrames(
+            frames, clip.fps, body, torch.from_numpy(earlier).to(device), torch.from_numpy(up).to(device)
+        )
+
+    @torch.no_grad()
+    def predicted(self, shown: ShownFrames) -> Prediction:
+        """The maps of some frames, in one batch; by any thread."""
         model = self._model
-        frames = root_frames(clip, model.maps.root)
-        batch = torch.from_numpy(frames.to_canonical(clip.body.vertices)).to(model.device)
-        body = self._body(batch) if self._history is None else self._local(clip, frames, batch)
-        images = self._images(model.guessed(body))
+        images = self._images(model.guessed(self._body(shown.body, earlier=shown.earlier, up=shown.up)))
         if not (images.positions.isfinite().all() and images.normals.isfinite().all()):
             raise InputError(
                 f"{model.source}: predicts values that are not finite; the file is damaged, or the training diverged"
@@ -320,11 +336,11 @@ class Predictor:
         return Prediction(
             (images.positions * kept).cpu(),
             (encode_normals(unit) * kept).cpu(),
-            frames,
+            shown.frames,
             model.imager,
             model.box,
-            clip.fps,
-            self._rest,
+            shown.fps,
+            self.rest_vertices,
         )
 
     def _images(self, body: BodyMaps) -> ImagePair:
@@ -332,15 +348,3 @@ class Predictor:
             images: ImagePair = self._model(body, garment=self._garment, tokens=self._tokens)
             return images
         return self._model.averaged(body, self._mirror, self._versions)
-
-    def _local(self, clip: Clip, frames: RootFrames, batch: Tensor) -> BodyMaps:
-        assert self._history is not None
-        assert self._body.view is not None
-        world = torch.from_numpy(clip.body.vertices.astype(np.float32)).to(batch.device)
-        samples = self._body.view.samples(world).cpu().numpy()
-        earlier, up = self._history(samples, frames)
-        return self._body(
-            batch,
-            earlier=torch.from_numpy(earlier).to(batch.device),
-            up=torch.from_numpy(up).to(batch.device),
-        )

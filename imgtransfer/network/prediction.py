@@ -12,6 +12,24 @@ from render import PositionBox, TemplateImager
 
 
 @dataclass(frozen=True, eq=False)
+class ShownFrames:
+    """What the maps of B frames follow from.
+
+    Args:
+        frames: the canonical frames.
+        fps: frames a second.
+        body: (B, V, 3) float32, metres, canonical frame.
+        earlier, up: as `BodyImager.__call__` takes them.
+    """
+
+    frames: RootFrames
+    fps: float
+    body: Tensor
+    earlier: Tensor | None = None
+    up: Tensor | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Prediction:
     """The maps of one clip, predicted.
 

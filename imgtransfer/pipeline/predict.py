@@ -11,11 +11,12 @@ import numpy as np
 from tqdm import tqdm
 
 from fusion.initialise import InitialWeights
+from fusion.parallel import in_order, n_threads
 from imgtransfer.data.clip import Clip, written_clip
 from imgtransfer.data.reader import Reader
 from imgtransfer.data.source import ClipRef
-from imgtransfer.network.model import FRAMES_AT_ONCE, TransferModel
-from imgtransfer.network.prediction import Prediction
+from imgtransfer.network.model import FRAMES_AT_ONCE, Predictor, TransferModel
+from imgtransfer.network.prediction import Prediction, ShownFrames
 from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE
 from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker
@@ -24,6 +25,10 @@ from imgtransfer.training.checkpoint import load_model
 from render import MapFile, Mesh, Option, written_maps
 from render.files.atomic import written_whole_folder
 
+#: The maps of a batch, and its clip with the vertices that are read from them.
+Predicted = tuple[MapFile, Clip]
+
+_BATCHES_AT_ONCE = 4  # at most: each takes memory of its own, and torch divides a batch among further threads
 _TOGETHER = 32  # frames whose fingerprint is taken together; another number would give another fingerprint
 # The arrays of a clip that a prediction follows from: of every clip once, and of every frame.
 _STILL, _MOVING = ("template_vertices", "body_rest", "body_faces"), ("body_vertices", "poses", "trans")
@@ -80,9 +85,11 @@ def save_prediction(
     reader: Reader,
     *,
     record: Mapping[str, str],
-    progress: Callable[[Iterable[Clip]], Iterable[Clip]] = iter,
+    progress: Callable[[Iterable[Predicted]], Iterable[Predicted]] = iter,
 ) -> None:
     """Predict a clip some frames at a time, and write the maps, and the vertices that the position maps alone give.
+
+    Several batches are predicted at once, and written in their order while the next are predicted.
 
     Args:
         folder: appears whole or not at all, in place of an earlier one. What was fused from an earlier prediction
@@ -96,25 +103,32 @@ def save_prediction(
         InputError: a clip that cannot be read, or does not fit the model.
     """
     predictor = model.predictor(reader.clip(0, 1))
-    weights: InitialWeights | None = None
+    weights = InitialWeights(predictor.imager, _shape(predictor))
+
+    def predicted(part: tuple[Clip, ShownFrames]) -> Predicted:
+        clip, shown = part
+        prediction = predictor.predicted(shown)
+        vertices = weights(prediction.imager.sample(prediction.metres())).numpy()
+        garment = clip.with_garment(prediction.frames.to_world(vertices))
+        return _map_file(prediction), replace(garment, info=made_anew(clip.info) | dict(record))
+
+    batches = -(-reader.n_frames // FRAMES_AT_ONCE)
+    threads = 1 if model.device.type != "cpu" else max(1, min(n_threads(), batches, _BATCHES_AT_ONCE))
+    parts = ((clip, predictor.shown(clip)) for clip in reader.parts(FRAMES_AT_ONCE))
+    done = in_order(predicted, parts, threads=threads, torch_threads=n_threads() // threads)
     with (
         written_whole_folder(folder) as temporary,
         written_maps(temporary / MAPS_FILE) as add_maps,
         written_clip(temporary / POSITION_ONLY_FILE) as add_clip,
     ):
-        for clip in progress(reader.parts(FRAMES_AT_ONCE)):
-            prediction = predictor(clip)
-            add_maps(_map_file(prediction))
-            if weights is None:
-                weights = InitialWeights(prediction.imager, _shape(prediction))
-            vertices = weights(prediction.imager.sample(prediction.metres())).numpy()
-            garment = clip.with_garment(prediction.frames.to_world(vertices))
-            add_clip(replace(garment, info=made_anew(clip.info) | dict(record)))
+        for maps, clip in progress(done):
+            add_maps(maps)
+            add_clip(clip)
 
 
-def _shape(prediction: Prediction) -> Mesh:
+def _shape(predictor: Predictor) -> Mesh:
     """The garment at rest: the model's template, or the clip's own where that is another shape of it."""
-    mesh, own = prediction.imager.mesh, prediction.rest_vertices
+    mesh, own = predictor.imager.mesh, predictor.rest_vertices
     return mesh if own is None else replace(mesh, vertices=own)
 
 

@@ -6,12 +6,11 @@ By default the shipped model on a test clip of the sample shirt, with two thread
 process and the reading of the model.
 
   frames_per_second       predict and fuse together; predict_, fuse_: of each
-  *_ms_STAGE              a frame, wall clock: predict's stages do not overlap; fuse's are summed over its threads, so
-                          that they can be more than the whole
+  *_ms_STAGE              a frame, wall clock, summed over the threads, so that they can be more than the whole
   predict_ms_setup        what is made once a clip, such as the projection of the body, spread over the frames
   predict_ms_images       of the posed body; predict_ms_guess: the first guess from them
   predict_ms_vertices     read from the position maps
-  predict_ms_rest         what no stage names: canonical frames, unit normals, encoding
+  predict_ms_rest         what no stage names: canonical frames, unit normals, encoding, checks
   fuse_ms_setup, ...      as the fusion's report names its stages
   memory_mb_N             resident memory at its peak of predict and fuse, processes of their own, for N frames: the
                           larger of the two
@@ -26,10 +25,11 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import Any
 from unittest.mock import patch
 
@@ -86,6 +86,7 @@ class _Stages:
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
+        self._lock = Lock()
 
     def timed(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
         """The same function, whose time is added to the stage's."""
@@ -99,16 +100,20 @@ class _Stages:
 
         return replaced
 
-    def read(self, parts: Iterable[Clip]) -> Iterator[Clip]:
-        """The parts of a clip, whose reading is a stage."""
-        iterator = iter(parts)
-        while True:
-            started = time.perf_counter()
-            part = next(iterator, None)
-            self._add("reading", started)
-            if part is None:
-                return
-            yield part
+    def read(self, parts: Callable[[int], Iterator[Clip]]) -> Callable[[int], Iterator[Clip]]:
+        """A reader's `parts`, whose reading is a stage."""
+
+        def replaced(count: int) -> Iterator[Clip]:
+            iterator = parts(count)
+            while True:
+                started = time.perf_counter()
+                part = next(iterator, None)
+                self._add("reading", started)
+                if part is None:
+                    return
+                yield part
+
+        return replaced
 
     def writer(self, name: str, opened: Callable[..., AbstractContextManager[Any]]) -> Callable[..., Any]:
         """The same context manager, the time of whose yielded function is added to the stage's."""
@@ -121,7 +126,8 @@ class _Stages:
         return replaced
 
     def _add(self, name: str, started: float) -> None:
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - started
+        with self._lock:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - started
 
 
 def _speed(path: Path, clip: Clip) -> dict[str, float]:
@@ -147,7 +153,7 @@ def _speed(path: Path, clip: Clip) -> dict[str, float]:
 
 def _predicted(model: TransferModel, source: ClipRef, folder: Path) -> tuple[float, dict[str, float]]:
     """Seconds of a prediction, and by stage."""
-    stages = _Stages()
+    stages, reader = _Stages(), source.reader()
     replaced: list[tuple[Any, str, Callable[..., Any]]] = [
         (owner, attribute, stages.timed(stage, getattr(owner, attribute)))
         for owner, attribute, stage in (
@@ -156,19 +162,25 @@ def _predicted(model: TransferModel, source: ClipRef, folder: Path) -> tuple[flo
             (BodyGuess, "__call__", "guess"),
             (Predictor, "_images", "networks"),
             (InitialWeights, "__call__", "vertices"),
+            (Predictor, "shown", "shown"),
+            (Predictor, "predicted", "predicted"),
+            (predict, "_map_file", "maps"),
         )
     ]
     replaced.append((predict, "written_maps", stages.writer("writing_maps", predict.written_maps)))
     replaced.append((predict, "written_clip", stages.writer("writing_clip", predict.written_clip)))
+    replaced.append((reader, "parts", stages.read(reader.parts)))
     started = time.perf_counter()
     with ExitStack() as stack:
         for owner, attribute, call in replaced:
             stack.enter_context(patch.object(owner, attribute, call))
-        save_prediction(folder, model, source.reader(), record={}, progress=stages.read)
+        save_prediction(folder, model, reader, record={})
     whole, seconds = time.perf_counter() - started, stages.seconds
+    rest = sum(seconds.pop(name) for name in ("shown", "predicted", "maps"))
+    rest -= seconds["images"] + seconds["networks"]
     if "guess" in seconds:
         seconds["images"] -= seconds["guess"]
-    return whole, seconds | {"rest": whole - sum(seconds.values())}
+    return whole, seconds | {"rest": rest}
 
 
 def _fused(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from fusion import BodySdf, FusionConfig, fuse, parallel
-from fusion.parallel import n_threads, one_torch_thread, run_all
+from fusion.parallel import in_order, n_threads, one_torch_thread, run_all
 from fusion.solvers import energy_kernels
 from tests.helpers.fusion_examples import cylinder_body, imager_of, inputs_of, true_maps, tube, wrinkled
 
@@ -125,3 +125,37 @@ def test_what_fails_on_a_thread_is_raised_here():
 
     with pytest.raises(ValueError, match="second piece"):
         run_all([lambda: None, fail])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_results_come_in_the_order_of_their_items_however_long_each_takes(count):
+    def doubled(number):
+        time.sleep(0.02 * (number % 2 == 0))
+        return 2 * number
+
+    assert list(in_order(doubled, range(7), threads=count)) == [0, 2, 4, 6, 8, 10, 12]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_no_more_items_are_asked_for_than_keep_the_threads_busy(count):
+    """A clip of any length is predicted and fused in the memory of a few batches."""
+    asked = []
+    results = in_order(lambda item: item, (asked.append(item) or item for item in range(20)), threads=count)
+    for number in range(5):
+        assert next(results) == number
+        assert len(asked) <= number + 1 + count
+    results.close()
+    assert len(asked) < 10
+
+
+def test_torch_has_the_threads_in_each_of_several_that_it_is_given():
+    found = list(in_order(lambda _: torch.get_num_threads(), range(4), threads=2, torch_threads=3))
+    assert found == [3] * 4
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_an_item_that_fails_fails_in_its_turn(count):
+    results = in_order(lambda number: 6 // number, [3, 2, 0, 1], threads=count)
+    assert [next(results), next(results)] == [2, 3]
+    with pytest.raises(ZeroDivisionError):
+        next(results)

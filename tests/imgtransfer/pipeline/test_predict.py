@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,15 @@ from scipy.spatial.transform import Rotation
 from imgtransfer.cli.main import main
 from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip, load_clip, save_clip
+from imgtransfer.data.reader import NpzReader
 from imgtransfer.data.store import DataSet
 from imgtransfer.network import TransferModel
 from imgtransfer.network.history import vertical
 from imgtransfer.network.mirror import Mirror
-from imgtransfer.pipeline.folder import predicted_clips
+from imgtransfer.network.model import Predictor
+from imgtransfer.network.prediction import Prediction, ShownFrames
+from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE, predicted_clips
+from imgtransfer.pipeline.predict import save_prediction
 from imgtransfer.training.checkpoint import save_model
 from render import InputError, load_maps
 from tests.helpers.models import local_model_for, model_for
@@ -213,6 +218,49 @@ def test_the_command_refuses_another_garment_before_it_writes(tube_clip: Clip, t
     save_clip(tmp_path / "clips" / "b.npz", wide)
     assert main(["predict", str(tmp_path), str(tmp_path / "clips"), "--out", str(tmp_path / "o")]) == 2
     assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize("make", [model_for, local_model_for])
+def test_a_prediction_on_disk_does_not_depend_on_the_number_of_threads(
+    tube_clip: Clip,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    make: Callable[[Clip], TransferModel],
+) -> None:
+    """To the byte, in batches of which several are under way at once, also where each goes on from the one before."""
+    monkeypatch.setattr("imgtransfer.pipeline.predict.FRAMES_AT_ONCE", 1)
+    save_clip(tmp_path / "tube.npz", tube_clip)
+    model, before = make(tube_clip), torch.get_num_threads()
+    for threads in (1, 2, 5):
+        torch.set_num_threads(threads)
+        try:
+            save_prediction(tmp_path / str(threads), model, NpzReader(tmp_path / "tube.npz"), record={})
+            assert torch.get_num_threads() == threads
+        finally:
+            torch.set_num_threads(before)
+    for name in (MAPS_FILE, POSITION_ONLY_FILE):
+        one, two, five = ((tmp_path / threads / name).read_bytes() for threads in ("1", "2", "5"))
+        assert one == two == five
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_clip_whose_last_batch_fails_leaves_nothing(
+    tube_clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, threads: int
+) -> None:
+    monkeypatch.setattr("imgtransfer.pipeline.predict.FRAMES_AT_ONCE", 2)
+    monkeypatch.setattr("imgtransfer.pipeline.predict.n_threads", lambda: threads)
+    predicted, calls = Predictor.predicted, count()
+
+    def third_fails(self: Predictor, shown: ShownFrames) -> Prediction:
+        if next(calls) == 2:
+            raise InputError("the last batch")
+        return predicted(self, shown)
+
+    monkeypatch.setattr(Predictor, "predicted", third_fails)
+    save_clip(tmp_path / "tube.npz", tube_clip)
+    with pytest.raises(InputError, match="the last batch"):
+        save_prediction(tmp_path / "out", model_for(tube_clip), NpzReader(tmp_path / "tube.npz"), record={})
+    assert [path.name for path in tmp_path.iterdir()] == ["tube.npz"]
 
 
 def test_a_model_that_predicts_no_numbers_is_named(tube_clip: Clip) -> None:
