@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +39,13 @@ class _Window:
     position: NDArray[np.float64]
     footprint: NDArray[np.float64]
 
-    @property
+    @cached_property
     def distance(self) -> NDArray[np.float64]:
         return np.hypot(self.offset[..., 0], self.offset[..., 1])
+
+    def of(self, vertices: NDArray[np.bool_]) -> _Window:
+        """Those of some of the vertices (V,)."""
+        return _Window(*(getattr(self, field.name)[vertices] for field in fields(self)))
 
 
 def sampling(mesh: Mesh, cameras: tuple[Camera, ...], raster: Raster) -> tuple[SparseProduct, np.ndarray]:
@@ -72,7 +77,7 @@ def sampling(mesh: Mesh, cameras: tuple[Camera, ...], raster: Raster) -> tuple[S
         visible[view, vertices[seen]] = True
         usable = np.where(seen[:, None], own, window.usable)
         weights = _plain_weights(window, usable)
-        weights[seen] += _affine_correction(window, usable, weights)[seen]
+        weights[seen] += _affine_correction(window.of(seen), usable[seen], weights[seen])
         row, column = np.nonzero(weights)
         place = view * n_vertices + vertices[row], view * pixels + window.index[row, column]
         entries.append((*place, weights[row, column]))
