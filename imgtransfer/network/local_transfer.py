@@ -61,7 +61,7 @@ class LocalTransferNet(nn.Module):
 
     def __init__(self, config: NetworkConfig, size: tuple[int, int]) -> None:
         super().__init__()
-        encoder = config.encoder
+        encoder = config.vit
         dim, patch = encoder.dim, encoder.patch
         if size[0] % patch or size[1] % patch:
             raise InputError(

@@ -107,7 +107,7 @@ class BodyImager:
             )
             if config.body == "local":
                 self.view = LocalView(
-                    patch=config.encoder.patch,
+                    patch=config.vit.patch,
                     garment=garment,
                     body=self.imager,
                     templates=template,

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from imgtransfer.network.config import MapsConfig, NetworkConfig
+from imgtransfer.network.encoders import EncoderSizes, encoder_sizes
 from imgtransfer.network.shortcuts import FEATURES
 from render.memory import check_memory
 
-_COPIES = 4  # of each weight in a training: itself, its gradient, and Adam's two moments
-_KEPT = 12  # numbers a token, feature and block that the backward pass needs: norms, queries to values, the MLP's 4 + 4
+_COPIES = 4  # of each trained weight in a training: itself, its gradient, and Adam's two moments
 
 
-def least_weights(network: NetworkConfig, maps: MapsConfig) -> int:
-    """How many weights one transfer network has at least: attention and MLPs, position embedding, dense shortcuts."""
-    encoder = network.encoder
-    squares = 12 * encoder.depth + 16 * network.blocks  # of dim: four in an attention, eight in an MLP
-    of_tokens = 0 if network.body == "local" else 1 + FEATURES * network.shortcuts
-    return squares * encoder.dim**2 + _tokens(maps, encoder.patch) * encoder.dim * of_tokens
+def least_weights(
+    network: NetworkConfig, maps: MapsConfig, architecture: dict[str, Any] | None = None
+) -> int:
+    """How many weights one transfer network has at least: attention and MLPs, position embedding, dense shortcuts.
+
+    Args:
+        architecture: of a pretrained encoder (`TransferModel.architecture`); None reads its checkpoint.
+    """
+    sizes = encoder_sizes(network.encoder, maps.size, architecture)
+    return sizes.weights + _trained_weights(network, maps, sizes)
 
 
 def check_training_memory(
@@ -29,15 +35,24 @@ def check_training_memory(
     Raises:
         InputError: less memory is free than weights and encoder need at least.
     """
-    encoder = network.encoder
-    weights = least_weights(network, maps)
-    tokens = batch_frames * len(maps.views) * _tokens(maps, encoder.patch)
-    kept = tokens * encoder.dim * encoder.depth * _KEPT
+    sizes = encoder_sizes(network.encoder, maps.size)
+    others = _trained_weights(network, maps, sizes)
+    trained, frozen = sizes.trained + others, sizes.weights - sizes.trained
+    tokens = batch_frames * len(maps.views) * _tokens(maps, sizes.patch)
+    numbers = (_COPIES + averaged) * trained + frozen + tokens * sizes.kept
     check_memory(
-        2 * 4 * ((_COPIES + averaged) * weights + kept),
-        f"two networks of {weights} weights and batches of {batch_frames} frames of {maps.size[0]} x {maps.size[1]} "
-        "pixels",
+        2 * 4 * numbers,
+        f"two networks of {trained + frozen} weights and batches of {batch_frames} frames of {maps.size[0]} x "
+        f"{maps.size[1]} pixels",
     )
+
+
+def _trained_weights(network: NetworkConfig, maps: MapsConfig, sizes: EncoderSizes) -> int:
+    """Of one network without its encoder's blocks, at least."""
+    of_tokens = 0 if network.body == "local" else network.encoder.kind == "vit"
+    of_tokens += FEATURES * network.shortcuts
+    squares = 16 * network.blocks  # of dim: four in an attention, eight in an MLP
+    return squares * sizes.dim**2 + _tokens(maps, sizes.patch) * sizes.dim * of_tokens
 
 
 def _tokens(maps: MapsConfig, patch: int) -> int:

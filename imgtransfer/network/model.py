@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -45,9 +46,11 @@ class TransferModel(nn.Module):
         general: whether the networks dress any garment on any body: clips are then imaged through their own
             (`dressed`), and `template` and `body` are only the first that the networks were trained on.
         networks: both, made already; new ones if None.
+        architecture: of a pretrained encoder whose weights are to follow, as `architecture` of another model gives it;
+            None reads the checkpoint that `network` names.
 
     Raises:
-        InputError: the map size does not suit the encoder's patch.
+        InputError: the map size does not suit the encoder's patch, or a pretrained encoder cannot be had.
     """
 
     mask: Tensor
@@ -64,6 +67,7 @@ class TransferModel(nn.Module):
         body: Mesh | None = None,
         general: bool = False,
         networks: tuple[LocalTransferNet | TransferNet, LocalTransferNet | TransferNet] | None = None,
+        architecture: dict[str, Any] | None = None,
     ) -> None:
         super().__init__()
         if general and network.body != "local":
@@ -76,7 +80,9 @@ class TransferModel(nn.Module):
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
         views = tuple(camera.name for camera in self.imager.cameras if camera.layer == 0)
         self.maps, self.network, self.box = maps.model_copy(update={"views": views}), network, box
-        made = networks or tuple(build_transfer_net(network, maps.size, images) for _ in range(2))
+        made = networks or tuple(
+            build_transfer_net(network, maps.size, images, architecture) for _ in range(2)
+        )
         self.position_net, self.normal_net = made
         self.head: KernelHead | None = None  # until it is fitted or read
         vertices = torch.as_tensor(template.vertices, dtype=torch.float32)[None]
@@ -90,6 +96,12 @@ class TransferModel(nn.Module):
     def device(self) -> torch.device:
         """Where the networks are."""
         return self.garment_positions.device
+
+    @property
+    def architecture(self) -> dict[str, Any] | None:
+        """Of the pretrained encoder; None where the encoder was trained from scratch."""
+        network = self.position_net
+        return network.encoder.architecture if isinstance(network, TransferNet) else None
 
     def garment(self) -> ImagePair:
         """The template's images, (1, S, H, W, 3)."""

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from imgtransfer.network.config import NetworkConfig
 from imgtransfer.network.decoder import Decoder
+from imgtransfer.network.encoders import build_encoder
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.refinement import RefinementBlock
 from imgtransfer.network.shortcuts import PoseCode
-from imgtransfer.network.vit import build_encoder
+from render import InputError
 
 
 class TransferNet(nn.Module):
@@ -21,21 +24,35 @@ class TransferNet(nn.Module):
         config: sizes and switches.
         size: (height, width) of the images, pixels.
         views: S, for the shortcuts' statistics.
+        architecture: of a pretrained encoder whose weights are to follow; None reads them (`build_hub_encoder`).
 
     Raises:
-        InputError: `size` is not a multiple of the encoder's patch.
+        InputError: `size` is not a multiple of the encoder's patch, or a pretrained encoder cannot be had.
     """
 
-    def __init__(self, config: NetworkConfig, size: tuple[int, int], *, views: int = 2) -> None:
+    def __init__(
+        self,
+        config: NetworkConfig,
+        size: tuple[int, int],
+        *,
+        views: int = 2,
+        architecture: dict[str, Any] | None = None,
+    ) -> None:
         super().__init__()
         self.config = config
-        self.encoder = build_encoder(config.encoder, size, config.dropout)
+        self.encoder = build_encoder(config.encoder, size, config.dropout, architecture)
+        dim = self.encoder.dim
+        if dim % config.heads:
+            raise InputError(
+                f"network.encoder: its tokens of {dim} features are not a multiple of network.heads ({config.heads}); "
+                "change network.heads, or set network.encoder.dim"
+            )
         self.refinement = nn.ModuleList(
-            RefinementBlock(config.encoder.dim, config.heads, config.dropout) for _ in range(config.blocks)
+            RefinementBlock(dim, config.heads, config.dropout) for _ in range(config.blocks)
         )
         self.decoder = Decoder(
-            dim=config.encoder.dim,
-            blocks=config.encoder.patch.bit_length() - 1,
+            dim=dim,
+            blocks=self.encoder.patch.bit_length() - 1,
             linear=config.shortcuts,
             zero_start=config.target == "residual",
         )
@@ -43,10 +60,10 @@ class TransferNet(nn.Module):
         rows, columns = self.encoder.grid
         self.pose_code = None
         if config.shortcuts:
-            self.pose_code = PoseCode(views=views, tokens=rows * columns, dim=config.encoder.dim)
+            self.pose_code = PoseCode(views=views, tokens=rows * columns, dim=dim)
 
     def encode(self, images: Tensor) -> Tensor:
-        """(B, S, H, W, 3) images, background 0 -> (B, S, 1 + M, dim) tokens; views folded into the batch."""
+        """(B, S, H, W, 3) images, background 0 -> (B, S, P + M, dim) tokens: P of [CLS] and registers, M patches."""
         tokens = self.encoder(images.flatten(0, 1).movedim(-1, 1))
         return tokens.unflatten(0, images.shape[:2])
 
@@ -56,7 +73,7 @@ class TransferNet(nn.Module):
         Args:
             garment: (1 or B, S, H, W, 3) float32, template images in [0, 1].
             body: (B, S, H, W, 3) float32, images of the posed body by the same cameras.
-            garment_tokens: (1 or B, S, 1 + M, dim), `encode(garment)` of an earlier call: the template does
+            garment_tokens: (1 or B, S, P + M, dim), `encode(garment)` of an earlier call: the template does
                 not change, so a prediction encodes it once.
 
         Returns:
@@ -67,22 +84,26 @@ class TransferNet(nn.Module):
             garment_tokens = self.encode(garment)
         body_tokens = self.encode(body).flatten(0, 1)
         tokens = garment_tokens.expand(len(body), -1, -1, -1).flatten(0, 1)
+        prefix = self.encoder.prefix
         if self.pose_code is not None:
             code = self.pose_code(body).flatten(0, 1)
-            tokens = tokens + body_tokens + functional.pad(code, (0, 0, 1, 0))  # nothing for [CLS]
+            tokens = tokens + body_tokens + functional.pad(code, (0, 0, prefix, 0))  # nothing for [CLS]
         for block in self.refinement:
             tokens = block(tokens, body_tokens)
         grid = self.encoder.grid
         # Without [CLS]: (B * S, dim, rows, columns).
-        features = tokens[:, 1:].unflatten(1, grid).movedim(-1, 1)
+        features = tokens[:, prefix:].unflatten(1, grid).movedim(-1, 1)
         image = self.decoder(features).movedim(1, -1)
         return image.unflatten(0, body.shape[:2]).to(torch.float32)
 
 
 def build_transfer_net(
-    network: NetworkConfig, size: tuple[int, int], views: int
+    network: NetworkConfig,
+    size: tuple[int, int],
+    views: int,
+    architecture: dict[str, Any] | None = None,
 ) -> LocalTransferNet | TransferNet:
-    """The network that `network.body` names, for images of `size` (height, width)."""
+    """The network that `network.body` names, for images of `size` (height, width); see `TransferNet`."""
     if network.body == "local":
         return LocalTransferNet(network, size)
-    return TransferNet(network, size, views=views)
+    return TransferNet(network, size, views=views, architecture=architecture)
