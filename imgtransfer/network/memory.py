@@ -10,6 +10,10 @@ from imgtransfer.network.shortcuts import FEATURES
 from render.memory import check_memory
 
 _COPIES = 4  # of each trained weight in a training: itself, its gradient, and Adam's two moments
+_REFINED = (
+    20  # numbers a token, feature and refinement block: norms, two times queries to values, the MLP's 4 + 4
+)
+_DECODED = 5  # numbers a token and feature of a decoder block's input
 
 
 def least_weights(
@@ -36,15 +40,37 @@ def check_training_memory(
         InputError: less memory is free than weights and encoder need at least.
     """
     sizes = encoder_sizes(network.encoder, maps.size)
-    others = _trained_weights(network, maps, sizes)
-    trained, frozen = sizes.trained + others, sizes.weights - sizes.trained
     tokens = batch_frames * len(maps.views) * _tokens(maps, sizes.patch)
-    numbers = (_COPIES + averaged) * trained + frozen + tokens * sizes.kept
     check_memory(
-        2 * 4 * numbers,
-        f"two networks of {trained + frozen} weights and batches of {batch_frames} frames of {maps.size[0]} x "
-        f"{maps.size[1]} pixels",
+        _of_weights(network, maps, sizes, averaged=averaged) + 2 * 4 * tokens * sizes.kept,
+        f"two networks of {sizes.weights + _trained_weights(network, maps, sizes)} weights and batches of "
+        f"{batch_frames} frames of {maps.size[0]} x {maps.size[1]} pixels",
     )
+
+
+def training_bytes(
+    network: NetworkConfig, maps: MapsConfig, *, batch_frames: int, averaged: bool = False
+) -> int:
+    """About how much memory both networks and what a step keeps of a batch take, in float32.
+
+    Frames that are kept in memory (`data.cache_gb`) and what PyTorch itself takes come on top.
+
+    Args:
+        network, maps, batch_frames, averaged: see `check_training_memory`.
+    """
+    sizes = encoder_sizes(network.encoder, maps.size)
+    images, of_image = batch_frames * len(maps.views) * maps.layers, _tokens(maps, sizes.patch)
+    # The garment's tokens and the body's in the encoder, then the garment's alone.
+    kept = 2 * of_image * sizes.kept
+    kept += network.blocks * (_REFINED * of_image * sizes.dim + 4 * network.heads * of_image**2)
+    kept += _DECODED * of_image * sizes.dim * (sizes.patch - 1)  # twice as many numbers from level to level
+    return _of_weights(network, maps, sizes, averaged=averaged) + 2 * 4 * images * kept
+
+
+def _of_weights(network: NetworkConfig, maps: MapsConfig, sizes: EncoderSizes, *, averaged: bool) -> int:
+    """Bytes of both networks' weights and of what a training keeps for each."""
+    trained = sizes.trained + _trained_weights(network, maps, sizes)
+    return 2 * 4 * ((_COPIES + averaged) * trained + (1 + averaged) * (sizes.weights - sizes.trained))
 
 
 def _trained_weights(network: NetworkConfig, maps: MapsConfig, sizes: EncoderSizes) -> int:

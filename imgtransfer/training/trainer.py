@@ -163,6 +163,16 @@ class Trainer:
             self._average.update(self.step)
         return losses | {"learning_rate": rate}
 
+    def rehearse(self) -> None:
+        """What takes the time of the next step, forward and backward; it changes nothing."""
+        index = self.order.frames(self.step)
+        mirrored = self.order.coins(self.step).to(self.device) if self.config.training.mirror else None
+        self.model.train()
+        for number, places in self.train_frames.by_outfit(index):
+            coins = None if mirrored is None else mirrored[places.to(self.device)]
+            sum(self._losses(number, index[places], coins)).backward()  # type: ignore[union-attr]
+        self.optimizer.zero_grad()
+
     def _losses(self, number: int, index: Tensor, mirrored: Tensor | None) -> tuple[Tensor, Tensor]:
         """Both losses of training frames `index` (B,) of outfit `number`, those where `mirrored` (B,) mirrored."""
         if self._patch_losses is not None:
