@@ -182,11 +182,14 @@ class TransferModel(nn.Module):
             positions = self.position_net(garment, body.local, tokens=position_tokens)
             normals = self.normal_net(garment, body.local, tokens=normal_tokens)
         else:
-            garment = garment or self.garment()
-            positions = self.position_net(
-                garment.positions, body.images.positions, garment_tokens=position_tokens
+            garment, hidden = garment or self.garment(), body.hidden or (None, None)
+            positions, normals = (
+                network(worn, shown, garment_tokens=known, body_hidden=hidden)
+                for network, worn, shown, known, hidden in (
+                    (self.position_net, garment.positions, body.images.positions, position_tokens, hidden[0]),
+                    (self.normal_net, garment.normals, body.images.normals, normal_tokens, hidden[1]),
+                )
             )
-            normals = self.normal_net(garment.normals, body.images.normals, garment_tokens=normal_tokens)
         guess = body.guess
         if guess is None:
             return ImagePair(positions, normals)
@@ -214,8 +217,14 @@ class TransferModel(nn.Module):
             elif network.pose_code is not None:
                 network.pose_code.calibrate(image)
 
-    def encode_garment(self, garment: Garment) -> tuple[Tensor, Tensor]:
-        """The template's tokens of both networks, to be given to `forward`."""
+    def encode_garment(
+        self, garment: Garment, hidden: tuple[Tensor, Tensor] | tuple[None, None] = (None, None)
+    ) -> tuple[Tensor, Tensor]:
+        """The template's tokens of both networks, to be given to `forward`.
+
+        Args:
+            hidden: what their frozen trunks make of it, where that is known (`TrunkCache.template`).
+        """
         first, second = self.position_net, self.normal_net
         if isinstance(garment, TemplateView):
             assert isinstance(first, LocalTransferNet)
@@ -223,7 +232,7 @@ class TransferModel(nn.Module):
             return first.encode(garment), second.encode(garment)
         assert isinstance(first, TransferNet)
         assert isinstance(second, TransferNet)
-        return first.encode(garment.positions), second.encode(garment.normals)
+        return first.encode(garment.positions, hidden[0]), second.encode(garment.normals, hidden[1])
 
     def versions(self, garment: Garment, mirror: Mirror) -> list[tuple[Garment, tuple[Tensor, Tensor]]]:
         """A template as the networks see it and the mirrored one, each with its tokens: for `averaged`."""

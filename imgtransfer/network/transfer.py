@@ -11,6 +11,7 @@ from torch.nn import functional
 from imgtransfer.network.config import NetworkConfig
 from imgtransfer.network.decoder import Decoder
 from imgtransfer.network.encoders import build_encoder
+from imgtransfer.network.hub_encoder import HubEncoder
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.refinement import RefinementBlock
 from imgtransfer.network.shortcuts import PoseCode
@@ -62,12 +63,32 @@ class TransferNet(nn.Module):
         if config.shortcuts:
             self.pose_code = PoseCode(views=views, tokens=rows * columns, dim=dim)
 
-    def encode(self, images: Tensor) -> Tensor:
-        """(B, S, H, W, 3) images, background 0 -> (B, S, P + M, dim) tokens: P of [CLS] and registers, M patches."""
-        tokens = self.encoder(images.flatten(0, 1).movedim(-1, 1))
+    def encode(self, images: Tensor, hidden: Tensor | None = None) -> Tensor:
+        """(B, S, H, W, 3) images, background 0 -> (B, S, P + M, dim) tokens: P of [CLS] and registers, M patches.
+
+        Args:
+            hidden: `hidden(images)` of an earlier call, of which the tokens then are.
+        """
+        if hidden is not None:
+            assert isinstance(self.encoder, HubEncoder)
+            tokens = self.encoder.tail(hidden.flatten(0, 1))
+        else:
+            tokens = self.encoder(images.flatten(0, 1).movedim(-1, 1))
         return tokens.unflatten(0, images.shape[:2])
 
-    def forward(self, garment: Tensor, body: Tensor, *, garment_tokens: Tensor | None = None) -> Tensor:
+    def hidden(self, images: Tensor) -> Tensor:
+        """What the frozen trunk of a pretrained encoder makes of (B, S, H, W, 3) images: (B, S, ...)."""
+        assert isinstance(self.encoder, HubEncoder)
+        return self.encoder.trunk(images.flatten(0, 1).movedim(-1, 1)).unflatten(0, images.shape[:2])
+
+    def forward(
+        self,
+        garment: Tensor,
+        body: Tensor,
+        *,
+        garment_tokens: Tensor | None = None,
+        body_hidden: Tensor | None = None,
+    ) -> Tensor:
         """Transfer a batch of frames.
 
         Args:
@@ -75,6 +96,7 @@ class TransferNet(nn.Module):
             body: (B, S, H, W, 3) float32, images of the posed body by the same cameras.
             garment_tokens: (1 or B, S, P + M, dim), `encode(garment)` of an earlier call: the template does
                 not change, so a prediction encodes it once.
+            body_hidden: `hidden(body)` of an earlier call.
 
         Returns:
             (B, S, H, W, 3) float32, not clipped; what it means is `config.target`. Values off the garment's
@@ -82,7 +104,7 @@ class TransferNet(nn.Module):
         """
         if garment_tokens is None:
             garment_tokens = self.encode(garment)
-        body_tokens = self.encode(body).flatten(0, 1)
+        body_tokens = self.encode(body, body_hidden).flatten(0, 1)
         tokens = garment_tokens.expand(len(body), -1, -1, -1).flatten(0, 1)
         prefix = self.encoder.prefix
         if self.pose_code is not None:

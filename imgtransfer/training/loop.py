@@ -67,6 +67,7 @@ def train(
             temporary.write_text(to_yaml(config))
         _log.info("%s", trainer.precision)
         trainer.prepare(out)
+        trainer.cache_trunks(out)
         say_needs(config, config.training.steps - trainer.step, trainer.rehearse)
         _steps(trainer, out, tell)
         remove_prepared(out)

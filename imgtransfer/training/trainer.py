@@ -18,6 +18,7 @@ from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
 from imgtransfer.network.mirror import of_frames
+from imgtransfer.network.trunk_cache import Hidden, TrunkCache, has_trunk
 from imgtransfer.training.averaging import WeightAverage
 from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
@@ -83,6 +84,7 @@ class Trainer:
             self.model = trained_model(config, self.train_frames, options.init).to(self.device)
         self.init_mark = None if options.init is None else fingerprint(options.init)
         self._left_out: LeftOut | None = None
+        self._trunks: TrunkCache | None = None
         frames = (self.train_frames, self.validation_frames)
         self._outfits = {id(some): Outfits(self.model, some, mirrored=options.mirror) for some in frames}
         for clip in chain(*self.validation_frames.outfits):
@@ -163,6 +165,22 @@ class Trainer:
             self._average.update(self.step)
         return losses | {"learning_rate": rate}
 
+    def cache_trunks(self, folder: Path) -> None:
+        """Compute what is frozen of pretrained encoders once a frame, and keep it in `folder` while the run lasts."""
+        if not has_trunk(self.model):
+            return
+        garment = self._outfits[id(self.train_frames)][0].shown
+        assert isinstance(garment, ImagePair)
+        with self._autocast():
+            self._trunks = TrunkCache(
+                self.model,
+                garment,
+                frames=len(self.train_frames),
+                mirrored=self.config.training.mirror,
+                folder=folder,
+                limit=self.config.training.trunk_cache_gb * 1e9,
+            )
+
     def rehearse(self) -> None:
         """What takes the time of the next step, forward and backward; it changes nothing."""
         index = self.order.frames(self.step)
@@ -186,7 +204,10 @@ class Trainer:
             body, truth = outfit.mirror.body(body, mirrored), outfit.mirror.garment(truth, mirrored)
             mask = outfit.mirror.masks(mirrored)
         with self._autocast():
-            garment, tokens = outfit.shown, outfit.model.encode_garment(outfit.shown)
+            hidden: Hidden | tuple[None, None] = (None, None)
+            if self._trunks is not None:
+                hidden, body = self._trunks.template, self._trunks.body(body, index, mirrored)
+            garment, tokens = outfit.shown, outfit.model.encode_garment(outfit.shown, hidden)
             if mirrored is not None:
                 garment, tokens = of_frames((garment, tokens), mirrored)
             predicted = outfit.model(body, garment=garment, tokens=tokens)

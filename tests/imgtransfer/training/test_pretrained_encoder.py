@@ -22,13 +22,7 @@ from imgtransfer.training.loop import train
 from imgtransfer.training.trainer import Trainer
 from render import InputError
 from tests.helpers.hub import checkpoint
-from tests.helpers.training import small_config
-
-
-def hub_config(source: Path, folder: Path, **training: object) -> RunConfig:
-    values = small_config(source, **training).model_dump(mode="json")
-    values["network"] |= {"encoder": {"kind": "hub", "name": str(folder)}, "heads": 2}
-    return parse_config(RunConfig, values, "small")
+from tests.helpers.training import hub_config
 
 
 @pytest.fixture(scope="module")
