@@ -77,6 +77,12 @@ class NetworkConfig(Section):
     heads: int = Field(
         4, ge=1, le=256, description="Heads of the cross- and self-attention in a refinement block."
     )
+    attention: Literal["body", "added", "cross_modal"] = Field(
+        "body",
+        description="How the garment's tokens get to know of others (table 4): by cross-attention to the body's (the "
+        "paper); the body's are added to them and nothing is attended to; or by cross-attention to the body's, then to "
+        "the garment's tokens of the other network. Others than `body` only with `body: images`.",
+    )
     target: Literal["absolute", "residual"] = Field(
         "absolute",
         description="What the decoder predicts: the garment's image (the paper), or its difference to a first guess "
@@ -133,6 +139,8 @@ class NetworkConfig(Section):
             )
         if self.body == "local" and (self.target, self.frame, self.shortcuts) != ("residual", "body", False):
             raise ValueError("body: local needs target: residual, frame: body and shortcuts: false")
+        if self.body == "local" and self.attention != "body":
+            raise ValueError(f"attention: {self.attention} needs body: images")
         if self.head.kind == "kernel" and self.body != "local":
             raise ValueError(
                 "head.kind: kernel needs body: local, which tells how the body around patches moves"

@@ -77,7 +77,8 @@ def _trained_weights(network: NetworkConfig, maps: MapsConfig, sizes: EncoderSiz
     """Of one network without its encoder's blocks, at least."""
     of_tokens = 0 if network.body == "local" else network.encoder.kind == "vit"
     of_tokens += FEATURES * network.shortcuts
-    squares = 16 * network.blocks  # of dim: four in an attention, eight in an MLP
+    attentions = {"added": 1, "body": 2, "cross_modal": 3}[network.attention]
+    squares = (4 * attentions + 8) * network.blocks  # of dim: four in an attention, eight in an MLP
     return squares * sizes.dim**2 + _tokens(maps, sizes.patch) * sizes.dim * of_tokens
 
 

@@ -16,9 +16,9 @@ from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.history import History
 from imgtransfer.network.kernel_head import KernelHead, corrected
 from imgtransfer.network.local_transfer import LocalTransferNet
-from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, covered, metric_maps
 from imgtransfer.network.mirror import Garment, Mirror
+from imgtransfer.network.pair import encoded, transferred
 from imgtransfer.network.prediction import Prediction
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.transfer import TransferNet, build_transfer_net
@@ -177,19 +177,8 @@ class TransferModel(nn.Module):
             encoded images, (B, S, H, W, 3) each; values off the silhouette mean nothing, normals are not yet
             unit.
         """
-        position_tokens, normal_tokens = tokens or (None, None)
-        if isinstance(garment, TemplateView):
-            positions = self.position_net(garment, body.local, tokens=position_tokens)
-            normals = self.normal_net(garment, body.local, tokens=normal_tokens)
-        else:
-            garment, hidden = garment or self.garment(), body.hidden or (None, None)
-            positions, normals = (
-                network(worn, shown, garment_tokens=known, body_hidden=hidden)
-                for network, worn, shown, known, hidden in (
-                    (self.position_net, garment.positions, body.images.positions, position_tokens, hidden[0]),
-                    (self.normal_net, garment.normals, body.images.normals, normal_tokens, hidden[1]),
-                )
-            )
+        networks = (self.position_net, self.normal_net)
+        positions, normals = transferred(networks, body, garment or self.garment(), tokens)
         guess = body.guess
         if guess is None:
             return ImagePair(positions, normals)
@@ -218,21 +207,14 @@ class TransferModel(nn.Module):
                 network.pose_code.calibrate(image)
 
     def encode_garment(
-        self, garment: Garment, hidden: tuple[Tensor, Tensor] | tuple[None, None] = (None, None)
+        self, garment: Garment, hidden: tuple[Tensor, Tensor] | None = None
     ) -> tuple[Tensor, Tensor]:
         """The template's tokens of both networks, to be given to `forward`.
 
         Args:
             hidden: what their frozen trunks make of it, where that is known (`TrunkCache.template`).
         """
-        first, second = self.position_net, self.normal_net
-        if isinstance(garment, TemplateView):
-            assert isinstance(first, LocalTransferNet)
-            assert isinstance(second, LocalTransferNet)
-            return first.encode(garment), second.encode(garment)
-        assert isinstance(first, TransferNet)
-        assert isinstance(second, TransferNet)
-        return first.encode(garment.positions, hidden[0]), second.encode(garment.normals, hidden[1])
+        return encoded((self.position_net, self.normal_net), garment, hidden)
 
     def versions(self, garment: Garment, mirror: Mirror) -> list[tuple[Garment, tuple[Tensor, Tensor]]]:
         """A template as the networks see it and the mirrored one, each with its tokens: for `averaged`."""

@@ -15,6 +15,7 @@ from imgtransfer.network.hub_encoder import HubEncoder
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.refinement import RefinementBlock
 from imgtransfer.network.shortcuts import PoseCode
+from imgtransfer.network.vit import VitBlock
 from render import InputError
 
 
@@ -48,9 +49,7 @@ class TransferNet(nn.Module):
                 f"network.encoder: its tokens of {dim} features are not a multiple of network.heads ({config.heads}); "
                 "change network.heads, or set network.encoder.dim"
             )
-        self.refinement = nn.ModuleList(
-            RefinementBlock(dim, config.heads, config.dropout) for _ in range(config.blocks)
-        )
+        self.refinement = nn.ModuleList(_refinement(config, dim) for _ in range(config.blocks))
         self.decoder = Decoder(
             dim=dim,
             blocks=self.encoder.patch.bit_length() - 1,
@@ -104,19 +103,49 @@ class TransferNet(nn.Module):
         """
         if garment_tokens is None:
             garment_tokens = self.encode(garment)
-        body_tokens = self.encode(body, body_hidden).flatten(0, 1)
+        body_tokens = self.encode(body, body_hidden)
+        tokens = self.begin(garment_tokens, body_tokens, body)
+        for level in range(len(self.refinement)):
+            tokens = self.refine(level, tokens, body_tokens)
+        return self.decode(tokens, body.shape[:2])
+
+    def begin(self, garment_tokens: Tensor, body_tokens: Tensor, body: Tensor) -> Tensor:
+        """What the refinement begins with, (B * S, P + M, dim), from tokens and images as in `forward`."""
         tokens = garment_tokens.expand(len(body), -1, -1, -1).flatten(0, 1)
-        prefix = self.encoder.prefix
         if self.pose_code is not None:
             code = self.pose_code(body).flatten(0, 1)
-            tokens = tokens + body_tokens + functional.pad(code, (0, 0, prefix, 0))  # nothing for [CLS]
-        for block in self.refinement:
-            tokens = block(tokens, body_tokens)
-        grid = self.encoder.grid
+            nothing = (0, 0, self.encoder.prefix, 0)  # for [CLS]
+            return tokens + body_tokens.flatten(0, 1) + functional.pad(code, nothing)
+        if self.config.attention == "added":
+            return tokens + body_tokens.flatten(0, 1)
+        return tokens
+
+    def refine(self, level: int, tokens: Tensor, body_tokens: Tensor, other: Tensor | None = None) -> Tensor:
+        """One block of the refinement, (B * S, P + M, dim) to the same.
+
+        Args:
+            level: which of the K.
+            body_tokens: (B, S, P + M, dim), of the posed bodies.
+            other: the other network's tokens before this block, with `attention: cross_modal`.
+        """
+        block = self.refinement[level]
+        if self.config.attention == "added":
+            return block(tokens)
+        return block(tokens, body_tokens.flatten(0, 1), other)
+
+    def decode(self, tokens: Tensor, frames: tuple[int, ...]) -> Tensor:
+        """(B * S, P + M, dim) -> (B, S, H, W, 3) float32; `frames` is (B, S)."""
         # Without [CLS]: (B * S, dim, rows, columns).
-        features = tokens[:, prefix:].unflatten(1, grid).movedim(-1, 1)
+        features = tokens[:, self.encoder.prefix :].unflatten(1, self.encoder.grid).movedim(-1, 1)
         image = self.decoder(features).movedim(1, -1)
-        return image.unflatten(0, body.shape[:2]).to(torch.float32)
+        return image.unflatten(0, frames).to(torch.float32)
+
+
+def _refinement(config: NetworkConfig, dim: int) -> nn.Module:
+    """One block; with `attention: added` a plain one, equations 10 and 11 alone."""
+    if config.attention == "added":
+        return VitBlock(dim, config.heads, config.dropout)
+    return RefinementBlock(dim, config.heads, config.dropout, cross_modal=config.attention == "cross_modal")
 
 
 def build_transfer_net(

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from imgtransfer.network.maps import BodyMaps, ImagePair
+from imgtransfer.network.mirror import Garment
 from imgtransfer.network.model import TransferModel
 from imgtransfer.network.transfer import TransferNet
 from render.errors import said_by
@@ -30,7 +31,7 @@ class TrunkCache:
     batch that it came in. The file has no name any more once it is open: it is gone with the process.
 
     Args:
-        model: whose encoders have a frozen trunk (`has_trunk`).
+        model: whose encoders have a frozen trunk.
         garment: the template's images, as a step shows them.
         frames: how many there are.
         mirrored: whether frames are shown mirrored, too.
@@ -87,9 +88,14 @@ class TrunkCache:
         return first.hidden(images.positions), second.hidden(images.normals)
 
 
-def has_trunk(model: TransferModel) -> bool:
-    """Whether a part of the encoders is frozen."""
-    return model.architecture is not None
+def trunk_cache(
+    model: TransferModel, garment: Garment, *, frames: int, mirrored: bool, folder: Path, limit: float
+) -> TrunkCache | None:
+    """The cache for a run, with arguments as of `TrunkCache`; None where nothing of the encoders is frozen."""
+    if model.architecture is None:
+        return None
+    assert isinstance(garment, ImagePair)  # such encoders see images
+    return TrunkCache(model, garment, frames=frames, mirrored=mirrored, folder=folder, limit=limit)
 
 
 def _trunks(model: TransferModel) -> tuple[TransferNet, TransferNet]:

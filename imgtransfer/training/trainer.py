@@ -18,7 +18,7 @@ from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
 from imgtransfer.network.mirror import of_frames
-from imgtransfer.network.trunk_cache import Hidden, TrunkCache, has_trunk
+from imgtransfer.network.trunk_cache import TrunkCache, trunk_cache
 from imgtransfer.training.averaging import WeightAverage
 from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
@@ -167,18 +167,15 @@ class Trainer:
 
     def cache_trunks(self, folder: Path) -> None:
         """Compute what is frozen of pretrained encoders once a frame, and keep it in `folder` while the run lasts."""
-        if not has_trunk(self.model):
-            return
-        garment = self._outfits[id(self.train_frames)][0].shown
-        assert isinstance(garment, ImagePair)
+        options, shown = self.config.training, self._outfits[id(self.train_frames)][0].shown
         with self._autocast():
-            self._trunks = TrunkCache(
+            self._trunks = trunk_cache(
                 self.model,
-                garment,
+                shown,
                 frames=len(self.train_frames),
-                mirrored=self.config.training.mirror,
+                mirrored=options.mirror,
                 folder=folder,
-                limit=self.config.training.trunk_cache_gb * 1e9,
+                limit=options.trunk_cache_gb * 1e9,
             )
 
     def rehearse(self) -> None:
@@ -204,7 +201,7 @@ class Trainer:
             body, truth = outfit.mirror.body(body, mirrored), outfit.mirror.garment(truth, mirrored)
             mask = outfit.mirror.masks(mirrored)
         with self._autocast():
-            hidden: Hidden | tuple[None, None] = (None, None)
+            hidden = None
             if self._trunks is not None:
                 hidden, body = self._trunks.template, self._trunks.body(body, index, mirrored)
             garment, tokens = outfit.shown, outfit.model.encode_garment(outfit.shown, hidden)
