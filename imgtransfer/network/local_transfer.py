@@ -105,7 +105,7 @@ class LocalTransferNet(nn.Module):
         body = self.norm_motion(motion)
         for block in self.refinement:
             garment = block(garment, body)
-        side = self.config.encoder.patch
+        side = self.config.vit.patch
         return self.to_patch(self.norm(garment)).to(torch.float32).unflatten(-1, (side, side, 3))
 
     def forward(self, template: TemplateView, local: Tensor, *, tokens: Tensor | None = None) -> Tensor:

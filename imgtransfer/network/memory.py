@@ -63,7 +63,8 @@ def training_bytes(
     # The garment's tokens and the body's in the encoder, then the garment's alone.
     kept = 2 * of_image * sizes.kept
     kept += network.blocks * (_REFINED * of_image * sizes.dim + 4 * network.heads * of_image**2)
-    kept += _DECODED * of_image * sizes.dim * (sizes.patch - 1)  # twice as many numbers from level to level
+    if network.body == "images":  # twice as many numbers from level to level
+        kept += _DECODED * of_image * sizes.dim * (sizes.patch - 1)
     return _of_weights(network, maps, sizes, averaged=averaged) + 2 * 4 * images * kept
 
 

@@ -114,8 +114,8 @@ class TrainingConfig(Section):
         16.0,
         ge=0,
         le=1e6,
-        description="What the frozen part of a pretrained encoder makes of each training frame's body is kept in a file"
-        " in the run's folder until the run ends, if it takes no more than this; else, and with 0, it is computed anew.",
+        description="What the frozen part of a pretrained encoder makes of each training frame's body is kept in a"
+        " file in the run's folder until the run ends, if it is no larger than this; else, and with 0, computed anew.",
     )
     device: Literal["auto", "cpu", "cuda"] = Field(
         "auto", description="What computes; `auto` is CUDA where there is it, else the CPU."
