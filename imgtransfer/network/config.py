@@ -9,42 +9,9 @@ from pydantic import Field, field_validator, model_validator
 
 from imgtransfer.config.schema import Ratio, Section
 from imgtransfer.data.canonical import RootMode
+from imgtransfer.network.encoder_config import AnyEncoderConfig, EncoderConfig
 from render import parse_views
 from render.limits import MAX_LAYERS, MAX_LENGTH
-
-
-class EncoderConfig(Section):
-    """The image encoder shared by garment and body.
-
-    `kind` names where the encoder comes from; "vit" is a vision transformer trained from scratch, and the
-    only one so far. A pretrained encoder becomes a further literal here and a case in
-    `network.vit.build_encoder`.
-    """
-
-    kind: Literal["vit"] = Field("vit", description="A vision transformer, trained from scratch.")
-    patch: Annotated[Literal[4, 8, 16, 32], Unit("pixels")] = Field(
-        16, description="Side of a square patch; the decoder has log2(patch) blocks."
-    )
-    dim: int = Field(
-        768,
-        ge=8,
-        le=8192,
-        description="Features of a token; a multiple of 4, of `heads` and of `patch`, and of the refinement's `heads`.",
-    )
-    depth: int = Field(12, ge=1, le=256, description="Transformer blocks.")
-    heads: int = Field(12, ge=1, le=256, description="Heads of the attention in a transformer block.")
-
-    @model_validator(mode="after")
-    def _dim_divides(self) -> EncoderConfig:
-        if self.dim % self.heads or self.dim % self.patch:
-            raise ValueError(
-                f"dim {self.dim} must be a multiple of heads ({self.heads}), and of patch ({self.patch}) because "
-                "the decoder halves the features log2(patch) times"
-            )
-        if self.dim % 4:
-            raise ValueError(f"dim {self.dim} must be a multiple of 4 (sine and cosine of two grid axes)")
-        return self
-
 
 _Pixels = Annotated[int, Unit("pixels"), Field(ge=1, le=MAX_LENGTH)]
 
@@ -103,12 +70,18 @@ class HeadConfig(Section):
 class NetworkConfig(Section):
     """One transfer network; the position and the normal network have the same (section 3.2, appendix C)."""
 
-    encoder: EncoderConfig = Field(
+    encoder: AnyEncoderConfig = Field(
         EncoderConfig(), description="The image encoder shared by garment and body."
     )
     blocks: int = Field(4, ge=1, le=256, description="K, the number of refinement blocks.")
     heads: int = Field(
         4, ge=1, le=256, description="Heads of the cross- and self-attention in a refinement block."
+    )
+    attention: Literal["body", "added", "cross_modal"] = Field(
+        "body",
+        description="How the garment's tokens get to know of others (table 4): by cross-attention to the body's (the "
+        "paper); the body's are added to them and nothing is attended to; or by cross-attention to the body's, then to "
+        "the garment's tokens of the other network. Others than `body` only with `body: images`.",
     )
     target: Literal["absolute", "residual"] = Field(
         "absolute",
@@ -153,14 +126,21 @@ class NetworkConfig(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> NetworkConfig:
-        if self.encoder.dim % self.heads:
-            raise ValueError(f"encoder.dim {self.encoder.dim} must be a multiple of heads ({self.heads})")
+        dim = self.encoder.dim
+        if dim is not None and dim % self.heads:
+            raise ValueError(f"encoder.dim {dim} must be a multiple of heads ({self.heads})")
+        if self.body == "local" and self.encoder.kind != "vit":
+            raise ValueError(
+                f"body: local needs encoder.kind: vit, found {self.encoder.kind}; it shows the encoder no images"
+            )
         if self.target == "absolute" and self.frame == "body":
             raise ValueError(
                 "frame: body needs target: residual; an absolute image has no first guess to turn"
             )
         if self.body == "local" and (self.target, self.frame, self.shortcuts) != ("residual", "body", False):
             raise ValueError("body: local needs target: residual, frame: body and shortcuts: false")
+        if self.body == "local" and self.attention != "body":
+            raise ValueError(f"attention: {self.attention} needs body: images")
         if self.head.kind == "kernel" and self.body != "local":
             raise ValueError(
                 "head.kind: kernel needs body: local, which tells how the body around patches moves"
@@ -168,3 +148,9 @@ class NetworkConfig(Section):
         if self.history_s and self.body != "local":
             raise ValueError("history_s needs body: local; body: images shows single frames")
         return self
+
+    @property
+    def vit(self) -> EncoderConfig:
+        """The encoder's sizes where it is trained from scratch, as it always is with `body: local`."""
+        assert isinstance(self.encoder, EncoderConfig)
+        return self.encoder

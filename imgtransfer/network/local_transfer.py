@@ -61,7 +61,7 @@ class LocalTransferNet(nn.Module):
 
     def __init__(self, config: NetworkConfig, size: tuple[int, int]) -> None:
         super().__init__()
-        encoder = config.encoder
+        encoder = config.vit
         dim, patch = encoder.dim, encoder.patch
         if size[0] % patch or size[1] % patch:
             raise InputError(
@@ -105,7 +105,7 @@ class LocalTransferNet(nn.Module):
         body = self.norm_motion(motion)
         for block in self.refinement:
             garment = block(garment, body)
-        side = self.config.encoder.patch
+        side = self.config.vit.patch
         return self.to_patch(self.norm(garment)).to(torch.float32).unflatten(-1, (side, side, 3))
 
     def forward(self, template: TemplateView, local: Tensor, *, tokens: Tensor | None = None) -> Tensor:

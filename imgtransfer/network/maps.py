@@ -53,11 +53,13 @@ class BodyMaps:
         guess: the first guess, None where the network predicts absolute values.
         local: (B, S, rows, columns, K + 1, L, 3) float32, how the body around each patch has moved (`LocalView`); None
             where the network is shown the images.
+        hidden: what the frozen trunks of both networks make of the images (`TransferNet.hidden`), where it is known.
     """
 
     images: ImagePair
     guess: Guess | None
     local: Tensor | None = None
+    hidden: tuple[Tensor, Tensor] | None = None
 
 
 class BodyImager:
@@ -107,7 +109,7 @@ class BodyImager:
             )
             if config.body == "local":
                 self.view = LocalView(
-                    patch=config.encoder.patch,
+                    patch=config.vit.patch,
                     garment=garment,
                     body=self.imager,
                     templates=template,

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from imgtransfer.network.config import MapsConfig, NetworkConfig
+from imgtransfer.network.encoders import EncoderSizes, encoder_sizes
 from imgtransfer.network.shortcuts import FEATURES
 from render.memory import check_memory
 
-_COPIES = 4  # of each weight in a training: itself, its gradient, and Adam's two moments
-_KEPT = 12  # numbers a token, feature and block that the backward pass needs: norms, queries to values, the MLP's 4 + 4
+_COPIES = 4  # of each trained weight in a training: itself, its gradient, and Adam's two moments
+_REFINED = (
+    20  # numbers a token, feature and refinement block: norms, two times queries to values, the MLP's 4 + 4
+)
+_DECODED = 5  # numbers a token and feature of a decoder block's input
 
 
-def least_weights(network: NetworkConfig, maps: MapsConfig) -> int:
-    """How many weights one transfer network has at least: attention and MLPs, position embedding, dense shortcuts."""
-    encoder = network.encoder
-    squares = 12 * encoder.depth + 16 * network.blocks  # of dim: four in an attention, eight in an MLP
-    of_tokens = 0 if network.body == "local" else 1 + FEATURES * network.shortcuts
-    return squares * encoder.dim**2 + _tokens(maps, encoder.patch) * encoder.dim * of_tokens
+def least_weights(
+    network: NetworkConfig, maps: MapsConfig, architecture: dict[str, Any] | None = None
+) -> int:
+    """How many weights one transfer network has at least: attention and MLPs, position embedding, dense shortcuts.
+
+    Args:
+        architecture: of a pretrained encoder (`TransferModel.architecture`); None reads its checkpoint.
+    """
+    sizes = encoder_sizes(network.encoder, maps.size, architecture)
+    return sizes.weights + _trained_weights(network, maps, sizes)
 
 
 def check_training_memory(
@@ -29,15 +39,48 @@ def check_training_memory(
     Raises:
         InputError: less memory is free than weights and encoder need at least.
     """
-    encoder = network.encoder
-    weights = least_weights(network, maps)
-    tokens = batch_frames * len(maps.views) * _tokens(maps, encoder.patch)
-    kept = tokens * encoder.dim * encoder.depth * _KEPT
+    sizes = encoder_sizes(network.encoder, maps.size)
+    tokens = batch_frames * len(maps.views) * _tokens(maps, sizes.patch)
     check_memory(
-        2 * 4 * ((_COPIES + averaged) * weights + kept),
-        f"two networks of {weights} weights and batches of {batch_frames} frames of {maps.size[0]} x {maps.size[1]} "
-        "pixels",
+        _of_weights(network, maps, sizes, averaged=averaged) + 2 * 4 * tokens * sizes.kept,
+        f"two networks of {sizes.weights + _trained_weights(network, maps, sizes)} weights and batches of "
+        f"{batch_frames} frames of {maps.size[0]} x {maps.size[1]} pixels",
     )
+
+
+def training_bytes(
+    network: NetworkConfig, maps: MapsConfig, *, batch_frames: int, averaged: bool = False
+) -> int:
+    """About how much memory both networks and what a step keeps of a batch take, in float32.
+
+    Frames that are kept in memory (`data.cache_gb`) and what PyTorch itself takes come on top.
+
+    Args:
+        network, maps, batch_frames, averaged: see `check_training_memory`.
+    """
+    sizes = encoder_sizes(network.encoder, maps.size)
+    images, of_image = batch_frames * len(maps.views) * maps.layers, _tokens(maps, sizes.patch)
+    # The garment's tokens and the body's in the encoder, then the garment's alone.
+    kept = 2 * of_image * sizes.kept
+    kept += network.blocks * (_REFINED * of_image * sizes.dim + 4 * network.heads * of_image**2)
+    if network.body == "images":  # twice as many numbers from level to level
+        kept += _DECODED * of_image * sizes.dim * (sizes.patch - 1)
+    return _of_weights(network, maps, sizes, averaged=averaged) + 2 * 4 * images * kept
+
+
+def _of_weights(network: NetworkConfig, maps: MapsConfig, sizes: EncoderSizes, *, averaged: bool) -> int:
+    """Bytes of both networks' weights and of what a training keeps for each."""
+    trained = sizes.trained + _trained_weights(network, maps, sizes)
+    return 2 * 4 * ((_COPIES + averaged) * trained + (1 + averaged) * (sizes.weights - sizes.trained))
+
+
+def _trained_weights(network: NetworkConfig, maps: MapsConfig, sizes: EncoderSizes) -> int:
+    """Of one network without its encoder's blocks, at least."""
+    of_tokens = 0 if network.body == "local" else network.encoder.kind == "vit"
+    of_tokens += FEATURES * network.shortcuts
+    attentions = {"added": 1, "body": 2, "cross_modal": 3}[network.attention]
+    squares = (4 * attentions + 8) * network.blocks  # of dim: four in an attention, eight in an MLP
+    return squares * sizes.dim**2 + _tokens(maps, sizes.patch) * sizes.dim * of_tokens
 
 
 def _tokens(maps: MapsConfig, patch: int) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,9 +16,9 @@ from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.history import History
 from imgtransfer.network.kernel_head import KernelHead, corrected
 from imgtransfer.network.local_transfer import LocalTransferNet
-from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, covered, metric_maps
 from imgtransfer.network.mirror import Garment, Mirror
+from imgtransfer.network.pair import encoded, transferred
 from imgtransfer.network.prediction import Prediction, ShownFrames
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.transfer import TransferNet, build_transfer_net
@@ -45,9 +46,11 @@ class TransferModel(nn.Module):
         general: whether the networks dress any garment on any body: clips are then imaged through their own
             (`dressed`), and `template` and `body` are only the first that the networks were trained on.
         networks: both, made already; new ones if None.
+        architecture: of a pretrained encoder whose weights are to follow, as `architecture` of another model gives it;
+            None reads the checkpoint that `network` names.
 
     Raises:
-        InputError: the map size does not suit the encoder's patch.
+        InputError: the map size does not suit the encoder's patch, or a pretrained encoder cannot be had.
     """
 
     mask: Tensor
@@ -64,6 +67,7 @@ class TransferModel(nn.Module):
         body: Mesh | None = None,
         general: bool = False,
         networks: tuple[LocalTransferNet | TransferNet, LocalTransferNet | TransferNet] | None = None,
+        architecture: dict[str, Any] | None = None,
     ) -> None:
         super().__init__()
         if general and network.body != "local":
@@ -76,7 +80,9 @@ class TransferModel(nn.Module):
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
         views = tuple(camera.name for camera in self.imager.cameras if camera.layer == 0)
         self.maps, self.network, self.box = maps.model_copy(update={"views": views}), network, box
-        made = networks or tuple(build_transfer_net(network, maps.size, images) for _ in range(2))
+        made = networks or tuple(
+            build_transfer_net(network, maps.size, images, architecture) for _ in range(2)
+        )
         self.position_net, self.normal_net = made
         self.head: KernelHead | None = None  # until it is fitted or read
         vertices = torch.as_tensor(template.vertices, dtype=torch.float32)[None]
@@ -90,6 +96,12 @@ class TransferModel(nn.Module):
     def device(self) -> torch.device:
         """Where the networks are."""
         return self.garment_positions.device
+
+    @property
+    def architecture(self) -> dict[str, Any] | None:
+        """Of the pretrained encoder; None where the encoder was trained from scratch."""
+        network = self.position_net
+        return network.encoder.architecture if isinstance(network, TransferNet) else None
 
     def garment(self) -> ImagePair:
         """The template's images, (1, S, H, W, 3)."""
@@ -165,16 +177,8 @@ class TransferModel(nn.Module):
             encoded images, (B, S, H, W, 3) each; values off the silhouette mean nothing, normals are not yet
             unit.
         """
-        position_tokens, normal_tokens = tokens or (None, None)
-        if isinstance(garment, TemplateView):
-            positions = self.position_net(garment, body.local, tokens=position_tokens)
-            normals = self.normal_net(garment, body.local, tokens=normal_tokens)
-        else:
-            garment = garment or self.garment()
-            positions = self.position_net(
-                garment.positions, body.images.positions, garment_tokens=position_tokens
-            )
-            normals = self.normal_net(garment.normals, body.images.normals, garment_tokens=normal_tokens)
+        networks = (self.position_net, self.normal_net)
+        positions, normals = transferred(networks, body, garment or self.garment(), tokens)
         guess = body.guess
         if guess is None:
             return ImagePair(positions, normals)
@@ -202,16 +206,15 @@ class TransferModel(nn.Module):
             elif network.pose_code is not None:
                 network.pose_code.calibrate(image)
 
-    def encode_garment(self, garment: Garment) -> tuple[Tensor, Tensor]:
-        """The template's tokens of both networks, to be given to `forward`."""
-        first, second = self.position_net, self.normal_net
-        if isinstance(garment, TemplateView):
-            assert isinstance(first, LocalTransferNet)
-            assert isinstance(second, LocalTransferNet)
-            return first.encode(garment), second.encode(garment)
-        assert isinstance(first, TransferNet)
-        assert isinstance(second, TransferNet)
-        return first.encode(garment.positions), second.encode(garment.normals)
+    def encode_garment(
+        self, garment: Garment, hidden: tuple[Tensor, Tensor] | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """The template's tokens of both networks, to be given to `forward`.
+
+        Args:
+            hidden: what their frozen trunks make of it, where that is known (`TrunkCache.template`).
+        """
+        return encoded((self.position_net, self.normal_net), garment, hidden)
 
     def versions(self, garment: Garment, mirror: Mirror) -> list[tuple[Garment, tuple[Tensor, Tensor]]]:
         """A template as the networks see it and the mirrored one, each with its tokens: for `averaged`."""

@@ -6,7 +6,6 @@ import torch
 from torch import Tensor, nn
 
 from imgtransfer.network.attention import Attention, mlp, sine_cosine_grid
-from imgtransfer.network.config import EncoderConfig
 from render import InputError
 
 
@@ -45,6 +44,9 @@ class VitEncoder(nn.Module):
         InputError: `size` is not a multiple of `patch`.
     """
 
+    architecture = None  # of a pretrained encoder
+    prefix = 1  # tokens before those of the patches
+
     def __init__(
         self, *, size: tuple[int, int], patch: int, dim: int, depth: int, heads: int, dropout: float = 0.0
     ) -> None:
@@ -55,7 +57,7 @@ class VitEncoder(nn.Module):
                 f"maps.size is {height}x{width} (height x width), not a multiple of the {patch}-pixel patch "
                 "(network.encoder.patch); change one of the two"
             )
-        self.size = size
+        self.size, self.patch, self.dim = size, patch, dim
         self.grid = (height // patch, width // patch)
         self.embed = nn.Conv2d(3, dim, patch, stride=patch)
         self.cls = nn.Parameter(0.02 * torch.randn(1, 1, dim))
@@ -79,15 +81,3 @@ class VitEncoder(nn.Module):
         for block in self.blocks:
             tokens = block(tokens)
         return self.norm(tokens)
-
-
-def build_encoder(config: EncoderConfig, size: tuple[int, int], dropout: float = 0.0) -> VitEncoder:
-    """The encoder that `config.kind` names, for images of `size` (height, width)."""
-    return VitEncoder(
-        size=size,
-        patch=config.patch,
-        dim=config.dim,
-        depth=config.depth,
-        heads=config.heads,
-        dropout=dropout,
-    )

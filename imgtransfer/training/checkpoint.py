@@ -70,6 +70,8 @@ def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32
         "mirrored_average": model.mirrored_average,
         "steps": steps,
     }
+    if model.architecture is not None:
+        header["encoder"] = model.architecture
     return write_tensors(path, tensors, header)
 
 
@@ -104,11 +106,22 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
         general = header.get("general", False)  # the same
         if not isinstance(general, bool) or (general and network.body != "local"):
             raise TypeError(f"general is {general!r} with body: {network.body}")
+        architecture = header.get("encoder")
+        if (architecture is not None) != (network.encoder.kind == "hub"):
+            raise TypeError(f"the encoder's architecture with encoder.kind: {network.encoder.kind}")
     # pydantic's ValidationError is a ValueError
     except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise InputError(f"{path}: not a model that this version can read ({said_by(error)})") from error
-    _check_shapes(network, maps, tensors, path)
-    model = TransferModel(maps=maps, network=network, template=template, box=box, body=body, general=general)
+    _check_shapes(network, maps, tensors, architecture, path)
+    model = TransferModel(
+        maps=maps,
+        network=network,
+        template=template,
+        box=box,
+        body=body,
+        general=general,
+        architecture=architecture,
+    )
     load_weights(model, tensors, path)
     model.source, model.mirrored_average = str(path), mirrored_average
     return model.eval().to(device)
@@ -124,9 +137,18 @@ def _mesh(tensors: dict[str, Tensor], name: str, path: Path) -> Mesh:
     return mesh
 
 
-def _check_shapes(network: NetworkConfig, maps: MapsConfig, tensors: dict[str, Tensor], path: Path) -> None:
+def _check_shapes(
+    network: NetworkConfig,
+    maps: MapsConfig,
+    tensors: dict[str, Tensor],
+    architecture: dict[str, Any] | None,
+    path: Path,
+) -> None:
     """Compare a file's weights with those that its header states, before room is made for networks of any size."""
-    for part, stated in (("encoder.blocks", network.encoder.depth), ("refinement", network.blocks)):
+    counts = [("refinement", network.blocks)]
+    if network.encoder.kind == "vit":
+        counts.insert(0, ("encoder.blocks", network.encoder.depth))
+    for part, stated in counts:
         start = f"model.position_net.{part}."
         there = {key.removeprefix(start).partition(".")[0] for key in tensors if key.startswith(start)}
         if len(there) != stated:
@@ -134,7 +156,10 @@ def _check_shapes(network: NetworkConfig, maps: MapsConfig, tensors: dict[str, T
                 f"{path}: the weights are of another architecture ({len(there)} blocks of {part}, not {stated})"
             )
     count = sum(value.numel() for key, value in tensors.items() if key.startswith("model."))
-    least = 2 * least_weights(network, maps)
+    try:
+        least = 2 * least_weights(network, maps, architecture)
+    except InputError as error:  # of the encoder's architecture
+        raise InputError(f"{path}: {error}") from error
     if count < least:
         raise InputError(
             f"{path}: the weights are of another architecture ({count} of them, and its header needs {least} at least)"

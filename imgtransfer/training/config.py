@@ -110,6 +110,13 @@ class TrainingConfig(Section):
         description="Of the networks' products; maps, weights and losses are float32 in any case. `auto` measures at "
         "the start and takes bfloat16 only where it is faster on this device (`training.precision`).",
     )
+    trunk_cache_gb: Annotated[float, Unit("10⁹ bytes")] = Field(
+        16.0,
+        ge=0,
+        le=1e6,
+        description="What the frozen part of a pretrained encoder makes of each training frame's body is kept in a"
+        " file in the run's folder until the run ends, if it is no larger than this; else, and with 0, computed anew.",
+    )
     device: Literal["auto", "cpu", "cuda"] = Field(
         "auto", description="What computes; `auto` is CUDA where there is it, else the CPU."
     )

@@ -161,7 +161,7 @@ def fit_head(
     fit = HeadFit(
         config=model.network.head,
         patches=template_patches(
-            model.imager, token=model.network.encoder.patch, count=model.network.head.patches
+            model.imager, token=model.network.vit.patch, count=model.network.head.patches
         ),
         mask=model.mask,
         covered=covered,

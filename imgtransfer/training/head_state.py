@@ -21,7 +21,7 @@ def empty_head(model: TransferModel, weights: dict[str, Tensor], path: Path) -> 
     """
     own = {key.removeprefix("head."): value for key, value in weights.items() if key.startswith("head.")}
     network, mask = model.network, model.mask
-    patches = template_patches(model.imager, token=network.encoder.patch, count=network.head.patches)
+    patches = template_patches(model.imager, token=network.vit.patch, count=network.head.patches)
     try:
         sizes = sizes_of(own)
         fits = {key: tuple(value.shape) for key, value in own.items()} == buffer_shapes(

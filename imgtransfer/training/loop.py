@@ -16,6 +16,7 @@ from imgtransfer.running.stopping import stop_between_steps
 from imgtransfer.training.checkpoint import MODEL_FILE
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.log import LOG_FILE, log_from
+from imgtransfer.training.needs import say_needs
 from imgtransfer.training.prepared import remove_prepared
 from imgtransfer.training.remaining import Remaining, say_remaining
 from imgtransfer.training.run_folder import CONFIG_FILE, check_steps, only_trainer, state_to_resume
@@ -66,6 +67,8 @@ def train(
             temporary.write_text(to_yaml(config))
         _log.info("%s", trainer.precision)
         trainer.prepare(out)
+        trainer.cache_trunks(out)
+        say_needs(config, config.training.steps - trainer.step, trainer.rehearse)
         _steps(trainer, out, tell)
         remove_prepared(out)
     return out / MODEL_FILE

@@ -46,7 +46,7 @@ class PatchLosses:
             InputError: too little room on the disk, or damaged data.
         """
         views, rows, columns = self._model.mask.shape
-        patches = views * rows * columns // self._model.network.encoder.patch**2
+        patches = views * rows * columns // self._model.network.vit.patch**2
         told = (PLACES + 1, 1 + len(self._model.network.history_s), 3)
         most = patches * int(torch.tensor(told).prod()) + views * rows * columns * CHANNELS
         preparation = Preparation(self._frames, self._template, self._make, told, 2 * most, mark)

@@ -19,6 +19,7 @@ from torch import nn
 from imgtransfer.network.attention import mlp
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.decoder import DecoderBlock
+from imgtransfer.network.encoders import encoder_sizes
 
 NumberType = Literal["float32", "bfloat16"]
 MARGIN = (
@@ -47,8 +48,9 @@ class Workload:
     @classmethod
     def of(cls, maps: MapsConfig, network: NetworkConfig, frames: int) -> Workload:
         """That of a run with `frames` frames in a batch."""
-        rows, columns = (length // network.encoder.patch for length in maps.size)
-        return cls(frames * len(maps.views) * maps.layers, rows, columns, network.encoder.dim)
+        encoder = encoder_sizes(network.encoder, maps.size)
+        rows, columns = (length // encoder.patch for length in maps.size)
+        return cls(frames * len(maps.views) * maps.layers, rows, columns, encoder.dim)
 
     def for_a_cpu(self) -> Workload:
         """As much of it as a CPU that emulates bfloat16 does in a moment; enough that sums cost more than calls."""

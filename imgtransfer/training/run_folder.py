@@ -30,6 +30,7 @@ FREE_ON_RESUME = frozenset(
         "device",
         "threads",
         "stored",
+        "trunk_cache_gb",
         "validate_every_steps",
         "checkpoint_every_steps",
     )

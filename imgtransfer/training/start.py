@@ -57,7 +57,12 @@ def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferMode
         )
     _check_garment(known, frames.first, path)
     model = TransferModel(
-        maps=config.maps, network=config.network, template=known.imager.mesh, box=known.box, body=known.body
+        maps=config.maps,
+        network=config.network,
+        template=known.imager.mesh,
+        box=known.box,
+        body=known.body,
+        architecture=known.architecture,
     )
     # Of the models, not of the configurations: theirs have the elevations that were chosen for the template.
     _check_settings("maps", known.maps, model.maps, path)

@@ -18,6 +18,7 @@ from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
 from imgtransfer.network.mirror import of_frames
+from imgtransfer.network.trunk_cache import TrunkCache, trunk_cache
 from imgtransfer.training.averaging import WeightAverage
 from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
@@ -83,6 +84,7 @@ class Trainer:
             self.model = trained_model(config, self.train_frames, options.init).to(self.device)
         self.init_mark = None if options.init is None else fingerprint(options.init)
         self._left_out: LeftOut | None = None
+        self._trunks: TrunkCache | None = None
         frames = (self.train_frames, self.validation_frames)
         self._outfits = {id(some): Outfits(self.model, some, mirrored=options.mirror) for some in frames}
         for clip in chain(*self.validation_frames.outfits):
@@ -163,6 +165,29 @@ class Trainer:
             self._average.update(self.step)
         return losses | {"learning_rate": rate}
 
+    def cache_trunks(self, folder: Path) -> None:
+        """Compute what is frozen of pretrained encoders once a frame, and keep it in `folder` while the run lasts."""
+        options, shown = self.config.training, self._outfits[id(self.train_frames)][0].shown
+        with self._autocast():
+            self._trunks = trunk_cache(
+                self.model,
+                shown,
+                frames=len(self.train_frames),
+                mirrored=options.mirror,
+                folder=folder,
+                limit=options.trunk_cache_gb * 1e9,
+            )
+
+    def rehearse(self) -> None:
+        """What takes the time of the next step, forward and backward; it changes nothing."""
+        index = self.order.frames(self.step)
+        mirrored = self.order.coins(self.step).to(self.device) if self.config.training.mirror else None
+        self.model.train()
+        for number, places in self.train_frames.by_outfit(index):
+            coins = None if mirrored is None else mirrored[places.to(self.device)]
+            sum(self._losses(number, index[places], coins)).backward()  # type: ignore[union-attr]
+        self.optimizer.zero_grad()
+
     def _losses(self, number: int, index: Tensor, mirrored: Tensor | None) -> tuple[Tensor, Tensor]:
         """Both losses of training frames `index` (B,) of outfit `number`, those where `mirrored` (B,) mirrored."""
         if self._patch_losses is not None:
@@ -176,7 +201,10 @@ class Trainer:
             body, truth = outfit.mirror.body(body, mirrored), outfit.mirror.garment(truth, mirrored)
             mask = outfit.mirror.masks(mirrored)
         with self._autocast():
-            garment, tokens = outfit.shown, outfit.model.encode_garment(outfit.shown)
+            hidden = None
+            if self._trunks is not None:
+                hidden, body = self._trunks.template, self._trunks.body(body, index, mirrored)
+            garment, tokens = outfit.shown, outfit.model.encode_garment(outfit.shown, hidden)
             if mirrored is not None:
                 garment, tokens = of_frames((garment, tokens), mirrored)
             predicted = outfit.model(body, garment=garment, tokens=tokens)

@@ -39,3 +39,11 @@ def small_config(source: Path, **training: object) -> RunConfig:
         "validation": {"split": None, "names": ["*_test"]},
     }
     return parse_config(RunConfig, SMALL | {"data": data, "training": SMALL["training"] | training}, "small")
+
+
+def hub_config(source: Path, folder: Path, **training: object) -> RunConfig:
+    """The same with the pretrained encoder of a folder."""
+    values = small_config(source, **training).model_dump(mode="json")
+    encoder = {"kind": "hub", "name": str(folder), "trained_blocks": 2}
+    values["network"] |= {"encoder": encoder, "heads": 2}
+    return parse_config(RunConfig, values, "small")

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from imgtransfer.network.config import EncoderConfig
-from imgtransfer.network.vit import VitBlock, VitEncoder, build_encoder
+from imgtransfer.network.encoders import build_encoder
+from imgtransfer.network.vit import VitBlock, VitEncoder
 from render import InputError
 
 SIZE, PATCH, DIM = (8, 12), 4, 8  # 2 rows of 3 patches

@@ -92,7 +92,11 @@ def test_measuring_changes_neither_random_numbers_nor_threads() -> None:
 
 
 def test_the_workload_is_the_runs_own_within_what_a_cpu_does_in_a_moment() -> None:
-    demo, paper = (load_config(RunConfig, ROOT / "configs" / f"{name}.yaml") for name in ("demo", "paper"))
+    vit_b = ["network.encoder={kind: vit, patch: 16, dim: 768, depth: 12, heads: 12}"]
+    demo, paper = (
+        load_config(RunConfig, ROOT / "configs" / f"{name}.yaml", changes)
+        for name, changes in (("demo", []), ("paper", vit_b))
+    )
     of_demo, of_paper = (
         Workload.of(config.maps, config.network, config.training.batch_frames) for config in (demo, paper)
     )

@@ -18,6 +18,7 @@ from imgtransfer.cli.main import main
 from imgtransfer.config.loader import load_config, parse_config, to_yaml
 from imgtransfer.data.clip import Clip
 from imgtransfer.network import NetworkConfig, TransferModel, masked_l1
+from imgtransfer.network.encoder_config import HubEncoderConfig
 from imgtransfer.network.maps import metric_maps
 from imgtransfer.training.checkpoint import load_model, save_model
 from imgtransfer.training.config import RunConfig
@@ -56,8 +57,9 @@ def test_every_config_loads_and_reads_back(name: str, tmp_path: Path) -> None:
 def test_the_papers_config_has_the_papers_sizes() -> None:  # section 4.2, appendix C
     config = load_config(RunConfig, CONFIGS / "paper.yaml")
     assert (config.maps.size, config.maps.root) == ((256, 256), "root")
-    encoder = config.network.encoder
-    assert (encoder.patch, encoder.dim, encoder.depth, config.network.blocks) == (16, 768, 12, 4)
+    encoder, network = config.network.encoder, config.network
+    assert encoder == HubEncoderConfig(name="facebook/dino-vitb16", trained_blocks=2)
+    assert (network.blocks, network.heads, config.training.optimizer) == (4, 4, "adam")
     assert (config.training.steps, config.training.learning_rate) == (100_000, 1e-4)
     assert (config.network.target, config.network.shortcuts) == ("absolute", False)
 
