@@ -14,6 +14,7 @@ from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.deformers.base import Deformer, FitFolder, same_garment
 from imgtransfer.deformers.common.body_motion import BodyMotion, body_motion, joint_features, root_features
+from imgtransfer.deformers.common.bone_skinning import BoneSkinning
 from imgtransfer.deformers.common.rates import at_frames, at_samples, same_rate
 from render import InputError
 
@@ -142,6 +143,13 @@ class SequenceDeformer(Deformer):
         if not same:
             predicted = at_frames(predicted, clip.n_frames, clip.fps, known.fps)
         return frames.to_world(predicted)
+
+    def parameters(self) -> int:
+        """See `Deformer.parameters`: of the network, and the skinning weights that are not 0."""
+        assert self._network is not None
+        skinnings = [part for part in self._network.modules() if isinstance(part, BoneSkinning)]
+        learned = sum(value.numel() for value in self._network.parameters())
+        return learned + sum(int((part.weights != 0).sum()) for part in skinnings)
 
     def tensors(self) -> dict[str, Tensor]:
         """See `Deformer.tensors`."""

@@ -95,6 +95,15 @@ def test_restored_it_predicts_the_same(method):
     np.testing.assert_array_equal(again.predict(clip), method.predict(clip))
 
 
+def test_parameters_are_the_networks_and_the_weights_that_are_not_zero(tmp_path):
+    method = fitted(tmp_path, BRIEF)
+    low = 3 * 32 * (15 + 32 + 2) + 36 * 33  # a GRU of 15 features, six numbers of six bones
+    high = 3 * 32 * (36 + 32 + 2) + 192 * 4 * 33 + (8 * 4 + 8 * 3) + (16 * 9 + 16 * 8) + 3 * 21
+    weights = int((method.tensors()["network.low.skinning.weights"] != 0).sum())
+    assert method.parameters() == low + high + weights
+    assert 192 <= weights <= 4 * 192
+
+
 @pytest.mark.parametrize("lost", ["known.faces", "known.fps", "network.low.head.weight", "network.high.mean"])
 def test_tensors_that_are_missing_are_refused(method, lost):
     tensors = method.tensors()
