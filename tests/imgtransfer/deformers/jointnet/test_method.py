@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from imgtransfer.deformers.base import FitFolder
+from imgtransfer.deformers.checkpoint import load_deformer, save_deformer
 from imgtransfer.deformers.jointnet.config import JointNetConfig
 from imgtransfer.deformers.jointnet.method import JointNet
 from render import InputError
@@ -73,9 +74,9 @@ def test_every_second_frame_is_predicted_nearly_as_all_are(method):
     assert np.linalg.norm(method.predict(half) - method.predict(clip)[::2], axis=-1).mean() < 2e-3  # metres
 
 
-def test_restored_it_predicts_the_same(method):
-    again = JointNet(SMALL)
-    again.restore(method.tensors())
+def test_restored_from_a_file_it_predicts_the_same(method, tmp_path):
+    again = load_deformer(save_deformer(tmp_path / "method.safetensors", method))
+    assert isinstance(again, JointNet)
     clip = tube_clip(5)
     np.testing.assert_array_equal(again.predict(clip), method.predict(clip))
 

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from imgtransfer.deformers.base import FitFolder
+from imgtransfer.deformers.checkpoint import load_deformer, save_deformer
 from imgtransfer.deformers.virtual_bones.config import VirtualBonesConfig
 from imgtransfer.deformers.virtual_bones.method import VirtualBones
 from render import InputError
@@ -88,9 +89,9 @@ def test_every_second_frame_is_predicted_nearly_as_all_are(method):
     assert np.linalg.norm(got - want, axis=-1).mean() < 2e-3  # metres
 
 
-def test_restored_it_predicts_the_same(method):
-    again = VirtualBones(SMALL)
-    again.restore(method.tensors())
+def test_restored_from_a_file_it_predicts_the_same(method, tmp_path):
+    again = load_deformer(save_deformer(tmp_path / "method.safetensors", method))
+    assert isinstance(again, VirtualBones)
     clip = tube_clip(5)
     np.testing.assert_array_equal(again.predict(clip), method.predict(clip))
 
