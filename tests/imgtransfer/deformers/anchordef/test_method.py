@@ -83,6 +83,12 @@ def test_tensors_of_something_else_are_refused(tensors):
         AnchorDef(CONFIG).restore(tensors)
 
 
+def test_numbers_of_vertices_that_are_not_there_are_refused(fitted):
+    tensors = fitted.tensors()
+    with pytest.raises(ValueError, match="numbers from 192 to 192 of 192"):
+        AnchorDef(CONFIG).restore(tensors | {"neighbours": tensors["neighbours"].clone().fill_(192)})
+
+
 def test_another_garment_is_refused(fitted):
     with pytest.raises(InputError, match="another garment"):
         fitted.predict(tube_clip(3, rings=9))

@@ -127,6 +127,12 @@ def test_clips_that_cannot_be_fitted(clips, message, tmp_path):
         MotionGuided(CONFIG).fit(clips, FitFolder(tmp_path))
 
 
+def test_numbers_of_vertices_that_are_not_there_are_refused(fitted):
+    tensors = fitted.tensors()
+    with pytest.raises(ValueError, match="numbers from 192 to 192 of 192"):
+        MotionGuided(CONFIG).restore(tensors | {"maps.corners": tensors["maps.corners"].clone().fill_(192)})
+
+
 def test_another_garment_is_refused(fitted):
     with pytest.raises(InputError, match="another garment"):
         fitted.predict(tube_clip(3, rings=9))
