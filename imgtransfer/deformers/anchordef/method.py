@@ -26,7 +26,7 @@ from imgtransfer.deformers.anchordef.training_frames import (
     simplified_frames,
     training_frames,
 )
-from imgtransfer.deformers.base import Deformer, FitFolder, same_garment
+from imgtransfer.deformers.base import Deformer, FitFolder, check_faces, same_garment
 from imgtransfer.deformers.common.rates import at_frames, same_rate
 from imgtransfer.deformers.descent import descend
 from render import InputError
@@ -74,7 +74,7 @@ class AnchorDef(Deformer):
 
     def predict(self, clip: Clip) -> np.ndarray:
         network = self.network
-        self._check_clip(clip)
+        check_faces(clip, network.faces.cpu().numpy())
         device = network.alpha.device
         around = body_around(clip, network.neighbours.cpu().numpy())
         fps = network.fps.item()
@@ -121,6 +121,7 @@ class AnchorDef(Deformer):
             network.load_state_dict(tensors, strict=True)
         except (KeyError, IndexError, RuntimeError) as error:
             raise ValueError(f"not what anchordef with these settings has: {error}") from error
+        _check_indices(network)
         self.network = network.eval()
 
     def parameters(self) -> int:
@@ -146,16 +147,6 @@ class AnchorDef(Deformer):
                     f"{clip.name}: poses of {poses.shape[1]} joints, and {first.name} has {poses_of_first.shape[1]}; "
                     "clips to fit to need one skeleton"
                 )
-
-    def _check_clip(self, clip: Clip) -> None:
-        faces = self.network.faces.cpu().numpy()
-        if len(clip.template.vertices) != len(self.network.logits) or not np.array_equal(
-            clip.template.faces, faces
-        ):
-            raise InputError(
-                f"{clip.name}: another garment ({len(clip.template.faces)} faces) than the one that the method was "
-                f"fitted to ({len(faces)})"
-            )
 
     def _begin(self, clip: Clip, neighbours: np.ndarray, features: Tensor, seed: int) -> AnchorNetwork:
         """The network before its first step, on a clip's template with the anchors' neighbours (A, K)."""
@@ -187,6 +178,20 @@ class AnchorDef(Deformer):
                 "loose or tight"
             )
         return tight_anchors(anchors, joints.astype(np.float64), self.config.tight_within_m)
+
+
+def _check_indices(network: AnchorNetwork) -> None:
+    """Raise ValueError where stored numbers of vertices or anchors are of none that is there."""
+    vertices, anchors = network.logits.shape
+    for index, count in (
+        (network.neighbours, vertices),
+        (network.faces, vertices),
+        (network.anchors_near, anchors),
+    ):
+        if index.numel() and not 0 <= int(index.min()) <= int(index.max()) < count:
+            raise ValueError(
+                f"numbers from {int(index.min())} to {int(index.max())} of {count} vertices or anchors"
+            )
 
 
 def _sizes(config: AnchorDefConfig, tensors: dict[str, Tensor]) -> Sizes:

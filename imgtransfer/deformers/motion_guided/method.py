@@ -11,7 +11,7 @@ from torch import Tensor
 
 from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip
-from imgtransfer.deformers.base import Deformer, FitFolder, same_garment
+from imgtransfer.deformers.base import Deformer, FitFolder, check_faces, same_garment
 from imgtransfer.deformers.common.rates import at_frames, same_rate
 from imgtransfer.deformers.descent import descend
 from imgtransfer.deformers.motion_guided.config import MotionGuidedConfig
@@ -83,11 +83,7 @@ class MotionGuided(Deformer):
             InputError: another garment, or a body of other vertices.
         """
         model = self.model
-        if not np.array_equal(clip.template.faces, model.faces.numpy()):
-            raise InputError(
-                f"{clip.name}: another garment ({len(clip.template.faces)} faces) than that which the method was "
-                f"fitted to ({len(model.faces)} faces)"
-            )
+        check_faces(clip, model.faces.numpy())
         if len(clip.body.rest) != int(model.body_vertices):
             raise InputError(
                 f"{clip.name}: a body of {len(clip.body.rest)} vertices, and the method was fitted to one of "
@@ -106,6 +102,7 @@ class MotionGuided(Deformer):
             model.load_state_dict(tensors, strict=True)
         except (KeyError, IndexError, RuntimeError) as error:
             raise ValueError(f"not what motion_guided with these settings has: {error}") from error
+        _check_indices(model)
         self.model = model.eval()
 
     def parameters(self) -> int:
@@ -154,6 +151,23 @@ def _begin(clip: Clip, config: MotionGuidedConfig) -> MotionGuidedModel:
         fps=clip.fps,
         body_vertices=len(clip.body.rest),
     )
+
+
+def _check_indices(model: MotionGuidedModel) -> None:
+    """Raise ValueError where stored numbers of vertices or pixels are of none that is there."""
+    maps, vertices = model.maps, len(model.maps.uvs)
+    limits = (
+        (model.seeds, int(model.body_vertices)),
+        (model.faces, vertices),
+        (maps.corners, vertices),
+        (maps.pixels, maps.size**2),
+        (model.parts, len(model.space.log_radius)),
+    )
+    for index, count in limits:
+        if index.numel() and not 0 <= int(index.min()) <= int(index.max()) < count:
+            raise ValueError(
+                f"numbers from {int(index.min())} to {int(index.max())} of {count} vertices or pixels"
+            )
 
 
 def _empty(config: MotionGuidedConfig, tensors: dict[str, Tensor]) -> MotionGuidedModel:

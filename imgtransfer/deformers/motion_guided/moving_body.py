@@ -11,7 +11,7 @@ from torch import Tensor
 
 from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
-from imgtransfer.deformers.common.rates import between, sample_times
+from imgtransfer.deformers.common.rates import at_samples
 from imgtransfer.deformers.common.rotations import nearest_rotation
 from imgtransfer.deformers.common.surface_motion import surface_motion
 from imgtransfer.deformers.motion_guided.model import Before
@@ -66,11 +66,10 @@ def moving_body(clip: Clip, chosen: np.ndarray, fps: float | None = None) -> Mov
     """
     frames, vertices = root_frames(clip, "heading"), clip.body.vertices
     if fps is not None:
-        before, part = between(sample_times(len(vertices), clip.fps, fps) * clip.fps, len(vertices))
-        frames = RootFrames(
-            nearest_rotation(_mixed(frames.rotation, before, part)), _mixed(frames.translation, before, part)
+        rotation, translation, vertices = (
+            at_samples(values, clip.fps, fps) for values in (frames.rotation, frames.translation, vertices)
         )
-        vertices = _mixed(vertices.astype(np.float64), before, part)
+        frames = RootFrames(nearest_rotation(rotation), translation)
     canonical = frames.to_canonical(vertices)
     posed = torch.from_numpy(canonical)
     normals = vertex_normals(posed, torch.from_numpy(clip.body.faces.astype(np.int64)))
@@ -87,12 +86,6 @@ def at_rest(clip: Clip, chosen: np.ndarray) -> Rest:
         torch.from_numpy(local_axes(clip.template)),
         _float(clip.body.rest[chosen]),
     )
-
-
-def _mixed(values: np.ndarray, before: np.ndarray, part: np.ndarray) -> np.ndarray:
-    after = np.minimum(before + 1, len(values) - 1)
-    part = part.reshape(-1, *[1] * (values.ndim - 1))
-    return values[before] + part * (values[after] - values[before])
 
 
 def _float(values: np.ndarray) -> Tensor:

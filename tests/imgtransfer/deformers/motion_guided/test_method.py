@@ -15,8 +15,9 @@ from imgtransfer.deformers.motion_guided.method import MotionGuided
 from imgtransfer.evaluation.skinning import lbs_baseline
 from render import InputError
 from tests.helpers.clips import with_arrays
-from tests.helpers.moved_clips import every_second_frame, mean_distance_mm, moved, moved_clip
 from tests.helpers.synthetic import tube_clip
+from tests.imgtransfer.deformers.compared import every_second_frame, mean_distance_mm
+from tests.imgtransfer.deformers.moves import placed, turned
 
 CONFIG = MotionGuidedConfig(
     seeds=24,
@@ -53,8 +54,8 @@ def test_roll_outs_from_true_frames_stay_within_4_mm(fitted):
 
 
 def test_a_prediction_turns_and_moves_with_the_clip(fitted):
-    turned = fitted.predict(moved_clip(CLIP))
-    np.testing.assert_allclose(turned, moved(fitted.predict(CLIP)), atol=5e-4)
+    prediction = fitted.predict(turned(CLIP))
+    np.testing.assert_allclose(prediction, placed(fitted.predict(CLIP)), atol=5e-4)
 
 
 def test_the_motion_of_the_garment_is_no_input(fitted):
@@ -124,6 +125,12 @@ def test_penetration_by_motion():
 def test_clips_that_cannot_be_fitted(clips, message, tmp_path):
     with pytest.raises(InputError, match=message):
         MotionGuided(CONFIG).fit(clips, FitFolder(tmp_path))
+
+
+def test_numbers_of_vertices_that_are_not_there_are_refused(fitted):
+    tensors = fitted.tensors()
+    with pytest.raises(ValueError, match="numbers from 192 to 192 of 192"):
+        MotionGuided(CONFIG).restore(tensors | {"maps.corners": tensors["maps.corners"].clone().fill_(192)})
 
 
 def test_another_garment_is_refused(fitted):

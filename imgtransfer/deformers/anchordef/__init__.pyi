@@ -1,0 +1,2 @@
+from .config import AnchorDefConfig as AnchorDefConfig
+from .method import AnchorDef as AnchorDef
