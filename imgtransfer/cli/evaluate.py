@@ -111,6 +111,7 @@ def _baseline(args: argparse.Namespace, refs: Mapping[str, ClipRef]) -> Pairs:
 def _predictions(args: argparse.Namespace, refs: Mapping[str, ClipRef]) -> Pairs:
     """Pairs of the true clip and predicted vertices (T, N, 3); one in memory at a time."""
     from imgtransfer.data.choice import some  # noqa: PLC0415
+    from imgtransfer.pipeline.predictions import predicted_vertices  # noqa: PLC0415
 
     files = _prediction_files(args.prediction, args.method)
     if len(files) == len(refs) == 1:  # two files: they are meant for each other, whatever their names
@@ -124,23 +125,7 @@ def _predictions(args: argparse.Namespace, refs: Mapping[str, ClipRef]) -> Pairs
     if {file.stem for file in chosen.values()} == set(METHODS):  # a mean over both, which nobody may want
         lacking = [name for name, file in chosen.items() if file.stem == METHODS[1]]
         print(f"{METHODS[1]} measured of {', '.join(lacking)}, which are not fused", file=sys.stderr)
-    return ((refs[name].load(), _predicted_vertices(file)) for name, file in chosen.items())
-
-
-def _predicted_vertices(file: Path) -> np.ndarray:
-    """The garment vertices (T, N, 3) of a clip npz, or of any npz that has them."""
-    from render.files.npz import open_npz  # noqa: PLC0415
-    from render.mesh.mesh import check_finite  # noqa: PLC0415
-
-    with open_npz(file, "a clip npz with predicted garment_vertices") as npz:
-        shape = npz.shape("garment_vertices") if "garment_vertices" in npz else ()
-        if len(shape) != 3 or shape[2] != 3:
-            raise InputError(
-                f"{file}: predicts nothing; garment_vertices of shape (frames, vertices, 3) are wanted"
-            )
-        vertices = npz.read("garment_vertices")
-    check_finite(vertices, f"{file}: garment_vertices")
-    return vertices
+    return ((refs[name].load(), predicted_vertices(file)) for name, file in chosen.items())
 
 
 def _of_one_clip(folder: Path) -> bool:

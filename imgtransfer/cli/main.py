@@ -19,6 +19,7 @@ COMMANDS = (
     "predict",
     "fuse",
     "evaluate",
+    "benchmark",
     "render",
     "inspect",
     "export",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +80,7 @@ def fit_run(config: MethodRunConfig, out: Path, *, resume: bool = False) -> Path
         return save_deformer(model, deformer, record)
 
 
-def clips_fingerprint(clips: Sequence[Clip]) -> str:
+def clips_fingerprint(clips: Iterable[Clip]) -> str:
     """A text that changes with the clips' arrays, rates or order; their names count for nothing."""
 
     def parts() -> Iterator[str | memoryview]:

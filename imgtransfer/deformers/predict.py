@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -61,16 +62,41 @@ def deform_clip(task: DeformTask) -> str:
     whole = (task.folder / MAPS_FILE).is_file() or not task.maps
     if whole and not task.overwrite and clip_stands(task.folder / POSITION_ONLY_FILE, made):
         return f"{task.folder}  predicted by this model already; {Option('overwrite', True)} does it again"
+    record = {"model": task.mark, MADE: made}
+    spent = save_deformation(
+        task.folder, _deformer(task.model, task.mark), clip, maps=task.maps, record=record
+    )
+    return f"{task.folder}  {clip.n_frames} frames, {1e3 * spent['predict'] / clip.n_frames:.1f} ms each"
+
+
+def save_deformation(
+    folder: Path, deformer: Deformer, clip: Clip, *, maps: bool, record: Mapping[str, str]
+) -> dict[str, float]:
+    """Predict a clip and write its garment, and maps of it if they are wanted.
+
+    Args:
+        folder: appears whole or not at all, in place of an earlier one.
+        deformer: predicts. clip: with the body.
+        maps: whether to render the vertices to maps as well, for the fusion.
+        record: what the vertices' clip keeps in its `info` of what it was made from.
+
+    Returns:
+        Seconds by stage: "predict", and "maps" if they were made.
+
+    Raises:
+        InputError: a clip that the method cannot predict.
+    """
     started = time.perf_counter()
-    vertices = _deformer(task.model, task.mark).predict(clip)
-    each = 1e3 * (time.perf_counter() - started) / clip.n_frames
-    info = made_anew(clip.info) | {"model": task.mark, MADE: made}
-    with written_whole_folder(task.folder) as temporary:
-        if task.maps:
-            write_maps(temporary / MAPS_FILE, clip.with_garment(vertices))
+    made = clip.with_garment(deformer.predict(clip))
+    spent = {"predict": time.perf_counter() - started}
+    with written_whole_folder(folder) as temporary:
+        if maps:
+            started = time.perf_counter()
+            write_maps(temporary / MAPS_FILE, made)
+            spent["maps"] = time.perf_counter() - started
         with written_clip(temporary / POSITION_ONLY_FILE) as add:
-            add(replace(clip.with_garment(vertices), info=info))
-    return f"{task.folder}  {clip.n_frames} frames, {each:.1f} ms each"
+            add(replace(made, info=made_anew(clip.info) | dict(record)))
+    return spent
 
 
 def write_maps(path: Path, clip: Clip) -> None:

@@ -41,6 +41,14 @@ class PoseRegressionConfig(LbsConfig):
         description="Steps of the descent that chooses kernel widths and ridge on training clips that are left out: "
         "once for all joints, once for those that are kept.",
     )
+    groups: int = Field(
+        4,
+        ge=2,
+        le=100,
+        description="Parts that the training clips, in the order of their names, are cut into to be left out in turn. "
+        "Clips of one motion should fall into one part: widths that are chosen on parts of the same motion are too small "
+        "for others.",
+    )
     most_frames: Annotated[int, Unit("frames")] = Field(
         3000,
         ge=2,
@@ -73,7 +81,7 @@ class PoseRegression(Deformer):
         lengths = [clip.n_frames for clip in clips]
         taken = _spread(sum(lengths), config.most_frames)
         starts = np.repeat(np.cumsum([0, *lengths[:-1]]), lengths)
-        groups = left_out_groups(starts).numpy()
+        groups = left_out_groups(starts, config.groups).numpy()
         if len(np.unique(groups)) < 2:
             raise InputError(
                 f"{clips[0].name}: one frame, and pose_regression needs two at least to be fitted to"

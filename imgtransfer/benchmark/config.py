@@ -1,0 +1,108 @@
+"""The configuration of a benchmark: clips, methods, and what all of them have in common."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from annotated_types import Unit
+from pydantic import ConfigDict, Field, model_validator
+
+from imgtransfer.config.schema import Section
+from imgtransfer.deformers.config import MethodRunConfig, parse_run_config
+from imgtransfer.deformers.registry import NETWORK
+from imgtransfer.evaluation.config import EvaluateConfig
+from imgtransfer.training.config import ClipChoice
+
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,63}$"
+
+
+class BenchmarkData(Section):
+    """The clips of one garment: some to fit to, others to measure."""
+
+    name: str = Field("data", pattern=NAME, description="What tables and folders call it.")
+    source: Path = Field(
+        description="A data set folder, a folder of clip npz files or one such file; relative to the working folder."
+    )
+    train: ClipChoice = Field(ClipChoice(split="train"), description="The clips to fit to.")
+    validation: ClipChoice = Field(
+        ClipChoice(split="validation"), description="The clips that a training of networks looks at."
+    )
+    test: ClipChoice = Field(
+        ClipChoice(split="test"), description="The clips to measure, all of them with the truth."
+    )
+
+
+class BenchmarkConfig(Section):
+    """Methods that are fitted to the same clips and measured on others."""
+
+    model_config = ConfigDict(title="the YAML of a benchmark, such as configs/benchmark/sample.yaml,")
+
+    data: tuple[BenchmarkData, ...] = Field(
+        min_length=1, description="Garments; every method is fitted to each."
+    )
+    methods: tuple[dict[str, Any], ...] = Field(
+        min_length=1,
+        description="What is compared: each the section `method` of a training, a name and settings, and `label`, "
+        "which tables and folders call it, where that is not its name.",
+    )
+    fuse: bool = Field(
+        True,
+        description="Whether the vertices of every method are also refined by the fusion, in a row of its own.",
+    )
+    seed: int = Field(0, ge=0, lt=2**31, description="Of every fit, and of the intervals.")
+    threads: int = Field(1, ge=1, le=1024, description="CPU threads of every fit and prediction.")
+    resamples: int = Field(
+        1000,
+        ge=100,
+        le=10**6,
+        description="Draws of clips that the 95 % intervals of the means are taken from.",
+    )
+    pictures: Annotated[int, Unit("frames")] = Field(
+        3, ge=0, le=50, description="Of each test clip, evenly spread, that are drawn for every method."
+    )
+    played: Annotated[int, Unit("frames")] = Field(
+        20,
+        ge=0,
+        le=200,
+        description="Of each test clip, evenly spread, that the page plays; 0, as of `pictures`, draws none.",
+    )
+    evaluate: EvaluateConfig = Field(EvaluateConfig(), description="What the metrics are measured with.")
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> BenchmarkConfig:
+        for what, names in (("data", [one.name for one in self.data]), ("methods", self.labels())):
+            twice = next((name for name in names if names.count(name) > 1), None)
+            if twice is not None:
+                key = "name" if what == "data" else "label"
+                raise ValueError(f"{what}: two are called {twice}; give one of them another {key}")
+        return self
+
+    def labels(self) -> list[str]:
+        """What the methods are called, in their order."""
+        return [label_of(method) for method in self.methods]
+
+
+def label_of(method: dict[str, Any]) -> str:
+    """What a method of a benchmark is called; "" where it has neither label nor name, which `run_content` refuses."""
+    return str(method.get("label", method.get("name", "")))
+
+
+def run_content(config: BenchmarkConfig, data: BenchmarkData, method: dict[str, Any]) -> dict[str, Any]:
+    """The content of the training's configuration that fits a method to some data."""
+    of_data = data.model_dump(mode="json", exclude={"name", "test"})
+    if method.get("name") != NETWORK:
+        del of_data["validation"]
+    settings = {key: value for key, value in method.items() if key != "label"}
+    return {"data": of_data, "method": settings, "seed": config.seed, "threads": config.threads}
+
+
+def parsed(content: dict[str, Any], source: str) -> MethodRunConfig:
+    """The configuration in what `run_content` gives.
+
+    Raises:
+        InputError: as `imgtransfer.deformers.config.parse_run_config`.
+    """
+    config = parse_run_config(content, source)
+    assert isinstance(config, MethodRunConfig)
+    return config
