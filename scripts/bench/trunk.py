@@ -1,8 +1,9 @@
 #!/usr/bin/env python
 """A training step with a pretrained encoder, with and without the file of what its frozen part makes of bodies.
 
-The encoder is a vision transformer as wide and deep as DINO's ViT-S/16, of random weights; refinement and decoder are those of
-configs/paper.yaml, on the synthetic clip of the bench of training, maps of 128 x 128 pixels, 4 frames a batch, float32.
+The encoder is a vision transformer as wide and deep as DINO's ViT-S/16, of random weights; refinement and decoder are
+those of configs/paper.yaml, on the synthetic clip of the bench of training, maps of 128 x 128 pixels, 4 frames a batch,
+float32.
 One torch thread. All frames are in the file before anything is timed.
 
   step_ms_cached, step_ms_anew     one whole step
