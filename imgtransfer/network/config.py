@@ -93,6 +93,19 @@ class NetworkConfig(Section):
         description="The axes of the residual and of the template's offset in the first guess: the canonical frame's, "
         "or frames that turn with the body's surface. `body` only with `target: residual`.",
     )
+    guess: Literal["body", "skinning"] = Field(
+        "body",
+        description="Where the first guess comes from: the body's images, or linear blend skinning of the template "
+        "with the weights of the nearest body vertices. With `skinning` and `frame: body` what the decoder predicts is "
+        'skinned, too: the garment is learned in the template\'s pose (table 3, "Canonical Image + LBS"). `skinning` '
+        "only with `target: residual` and `body: images`, and clips that have skinning.",
+    )
+    garment: Literal["template", "skinned"] = Field(
+        "template",
+        description="The garment that the networks are shown: the template (the paper), or the template moved by "
+        'linear blend skinning as for `guess` (table 3, "LBS + Image Refine"). `skinned` only with `body: images`, and '
+        "clips that have skinning.",
+    )
     body: Literal["images", "local"] = Field(
         "images",
         description="How the body is shown: its images in the canonical frame, encoded and attended to (the paper), or "
@@ -139,6 +152,10 @@ class NetworkConfig(Section):
             )
         if self.body == "local" and (self.target, self.frame, self.shortcuts) != ("residual", "body", False):
             raise ValueError("body: local needs target: residual, frame: body and shortcuts: false")
+        if self.guess == "skinning" and self.target != "residual":
+            raise ValueError("guess: skinning needs target: residual; an absolute image has no first guess")
+        if self.body == "local" and self.skins:
+            raise ValueError("guess: skinning and garment: skinned need body: images")
         if self.body == "local" and self.attention != "body":
             raise ValueError(f"attention: {self.attention} needs body: images")
         if self.head.kind == "kernel" and self.body != "local":
@@ -148,6 +165,11 @@ class NetworkConfig(Section):
         if self.history_s and self.body != "local":
             raise ValueError("history_s needs body: local; body: images shows single frames")
         return self
+
+    @property
+    def skins(self) -> bool:
+        """Whether the garment moved by linear blend skinning is needed."""
+        return self.guess == "skinning" or self.garment == "skinned"
 
     @property
     def vit(self) -> EncoderConfig:

@@ -53,12 +53,14 @@ class BodyMaps:
         guess: the first guess, None where the network predicts absolute values.
         local: (B, S, rows, columns, K + 1, L, 3) float32, how the body around each patch has moved (`LocalView`); None
             where the network is shown the images.
+        garment: the skinned garment's encoded images, with `network.garment: skinned`, in place of the template's.
         hidden: what the frozen trunks of both networks make of the images (`TransferNet.hidden`), where it is known.
     """
 
     images: ImagePair
     guess: Guess | None
     local: Tensor | None = None
+    garment: ImagePair | None = None
     hidden: tuple[Tensor, Tensor] | None = None
 
 
@@ -91,9 +93,10 @@ class BodyImager:
         self.box = box
         self.imager = TemplateImager.build(body, cameras=garment.cameras)
         self.mask = self.imager.mask.to(device)
+        self._config, self._garment = config, garment
         self._guess: BodyGuess | None = None
         self.view: LocalView | None = None
-        if config.target == "residual":
+        if config.target == "residual" and config.guess == "body":
             templates, bodies = zip(*(shapes or [(garment.mesh.vertices, body.vertices)]), strict=True)
             template, template_normals = metric_maps(garment, _float32(templates, device))
             rest, rest_normals = metric_maps(self.imager, _float32(bodies, device))
@@ -126,6 +129,7 @@ class BodyImager:
         *,
         earlier: Tensor | None = None,
         up: Tensor | None = None,
+        skinned: Tensor | None = None,
     ) -> BodyMaps:
         """Images of posed bodies, on the device of their vertices.
 
@@ -135,9 +139,12 @@ class BodyImager:
             earlier: (B, L - 1, J, 3) float32, metres, `LocalView.samples` of the body at the earlier times that the
                 network is shown, in the canonical frame of the frame itself; none if None.
             up: (B, 3) float32, the vertical in the canonical frame; its y if None.
+            skinned: (B, N, 12) float32, `skinned_garment` of the frames, where the configuration needs it.
         """
         positions, normals = metric_maps(self.imager, vertices)
         images = ImagePair.encode(positions, normals, self.mask, self.box)
+        if skinned is not None:
+            return self._skinned(images, skinned)
         if self._guess is None:
             return BodyMaps(images, None)
         guess = self._guess(positions, normals, shape)
@@ -149,6 +156,18 @@ class BodyImager:
         if up is None:
             up = vertices.new_tensor([[0.0, 1.0, 0.0]]).expand(len(vertices), 3)
         return BodyMaps(images, guess, self.view(samples, guess, up, shape))
+
+    def _skinned(self, images: ImagePair, skinned: Tensor) -> BodyMaps:
+        """Images of the body, with the skinned garment (B, N, 12) as the first guess or in place of the template."""
+        config, garment = self._config, self._garment
+        positions, normals = metric_maps(garment, skinned[..., :3].contiguous())
+        guess = worn = None
+        if config.guess == "skinning":
+            linear = garment.operator(skinned[..., 3:].contiguous()).unflatten(-1, (3, 3))
+            guess = Guess(positions, normals, linear if config.frame == "body" else None)
+        if config.garment == "skinned":
+            worn = ImagePair.encode(positions, normals, garment.mask.to(positions.device), self.box)
+        return BodyMaps(images, guess, garment=worn)
 
 
 def covered(maps: BodyMaps, garment: ImagePair | TemplateView) -> Tensor:

@@ -106,6 +106,7 @@ class Mirror:
             images=self._pair(maps.images, self._body),
             guess=None if maps.guess is None else self._guess(maps.guess),
             local=None if maps.local is None else mirrored_features(maps.local),
+            garment=None if maps.garment is None else self._pair(maps.garment, self._garment),
         )
 
     def _pair(self, images: ImagePair, kept: Tensor) -> ImagePair:

@@ -21,6 +21,7 @@ from imgtransfer.network.mirror import Garment, Mirror
 from imgtransfer.network.pair import encoded, transferred
 from imgtransfer.network.prediction import Prediction, ShownFrames
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
+from imgtransfer.network.skinned import skinned_frames
 from imgtransfer.network.transfer import TransferNet, build_transfer_net
 from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
 from render.threads import one_blas_thread
@@ -46,8 +47,7 @@ class TransferModel(nn.Module):
         general: whether the networks dress any garment on any body: clips are then imaged through their own
             (`dressed`), and `template` and `body` are only the first that the networks were trained on.
         networks: both, made already; new ones if None.
-        architecture: of a pretrained encoder whose weights are to follow, as `architecture` of another model gives it;
-            None reads the checkpoint that `network` names.
+        architecture: of another model, whose encoder's weights are to follow; None reads a pretrained one's.
 
     Raises:
         InputError: the map size does not suit the encoder's patch, or a pretrained encoder cannot be had.
@@ -188,7 +188,7 @@ class TransferModel(nn.Module):
         )
 
     def guessed(self, body: BodyMaps, values: Callable[[Tensor], Tensor] | None = None) -> BodyMaps:
-        """Maps of posed bodies with the head's first guess, where there is a head; `values` of `KernelHead.forward`."""
+        """Maps of posed bodies with the head's first guess, if there is one; `values` of `KernelHead.forward`."""
         return body if self.head is None else corrected(self.head, body, values)
 
     def calibrate(self, typical: Sequence[tuple[BodyMaps, Garment]]) -> None:
@@ -209,15 +209,11 @@ class TransferModel(nn.Module):
     def encode_garment(
         self, garment: Garment, hidden: tuple[Tensor, Tensor] | None = None
     ) -> tuple[Tensor, Tensor]:
-        """The template's tokens of both networks, to be given to `forward`.
-
-        Args:
-            hidden: what their frozen trunks make of it, where that is known (`TrunkCache.template`).
-        """
+        """The template's tokens of both networks, to be given to `forward`; `hidden` as of `TrunkCache.template`."""
         return encoded((self.position_net, self.normal_net), garment, hidden)
 
     def versions(self, garment: Garment, mirror: Mirror) -> list[tuple[Garment, tuple[Tensor, Tensor]]]:
-        """A template as the networks see it and the mirrored one, each with its tokens: for `averaged`."""
+        """A template as the networks see it, and mirrored, each with its tokens: for `averaged`."""
         return [(version, self.encode_garment(version)) for version in (garment, mirror.seen(garment))]
 
     def averaged(
@@ -237,7 +233,7 @@ class TransferModel(nn.Module):
         return mirror.average(plain, mirrored)
 
     def seen(self, imager: BodyImager) -> Garment:
-        """The template as the networks see it on the body of an imager: its first shape's view, or its images."""
+        """The template as the networks see it on an imager's body: its first shape's view, or its images."""
         return self.garment() if imager.view is None else imager.view.template()
 
     def predictor(self, clip: Clip) -> Predictor:
@@ -317,7 +313,8 @@ class Predictor:
         frames, device = root_frames(clip, self._model.maps.root), self._model.device
         body = torch.from_numpy(frames.to_canonical(clip.body.vertices)).to(device)
         if self._history is None:
-            return ShownFrames(frames, clip.fps, body)
+            skinned = skinned_frames(clip, frames, self._model.network, device)
+            return ShownFrames(frames, clip.fps, body, skinned=skinned)
         assert self._body.view is not None
         world = torch.from_numpy(clip.body.vertices.astype(np.float32)).to(device)
         earlier, up = self._history(self._body.view.samples(world).cpu().numpy(), frames)
@@ -329,7 +326,8 @@ class Predictor:
     def predicted(self, shown: ShownFrames) -> Prediction:
         """The maps of some frames, in one batch; by any thread."""
         model = self._model
-        images = self._images(model.guessed(self._body(shown.body, earlier=shown.earlier, up=shown.up)))
+        body = self._body(shown.body, earlier=shown.earlier, up=shown.up, skinned=shown.skinned)
+        images = self._images(model.guessed(body))
         if not (images.positions.isfinite().all() and images.normals.isfinite().all()):
             raise InputError(
                 f"{model.source}: predicts values that are not finite; the file is damaged, or the training diverged"

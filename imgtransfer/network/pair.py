@@ -40,10 +40,12 @@ def transferred(
     Args:
         networks: of positions and of normals.
         body: maps of the bodies.
-        garment: the template as the networks see it.
+        garment: the template as the networks see it, unless `body` has another in its place.
         tokens: `encoded(networks, garment)` of an earlier call; one for all frames, or one a frame, as of `garment`.
     """
     first, second = networks
+    if body.garment is not None:
+        garment, tokens = body.garment, None
     known = tokens or encoded(networks, garment)
     if isinstance(garment, TemplateView):
         assert isinstance(first, LocalTransferNet)

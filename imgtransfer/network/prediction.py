@@ -19,7 +19,7 @@ class ShownFrames:
         frames: the canonical frames.
         fps: frames a second.
         body: (B, V, 3) float32, metres, canonical frame.
-        earlier, up: as `BodyImager.__call__` takes them.
+        earlier, up, skinned: as `BodyImager.__call__` takes them.
     """
 
     frames: RootFrames
@@ -27,6 +27,7 @@ class ShownFrames:
     body: Tensor
     earlier: Tensor | None = None
     up: Tensor | None = None
+    skinned: Tensor | None = None
 
 
 @dataclass(frozen=True, eq=False)

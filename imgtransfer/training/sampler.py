@@ -15,6 +15,7 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.reader import LoadedReader, Reader
 from imgtransfer.network.history import earlier_steps, vertical
 from imgtransfer.network.shapes import misfit, same_faces
+from imgtransfer.network.skinned import skinned_garment
 from imgtransfer.training.order import Order
 from render import InputError, Mesh
 
@@ -30,6 +31,7 @@ class Frames:
         root: what of the root's motion the canonical frame removes.
         several: whether the clips may be of several outfits.
         history_s: how long before each frame `earlier` gives the body as well, seconds.
+        skins: whether `skinned` is asked for.
         cache_bytes: memory for frames that have been read. Data that fit are read once; of larger data `order` shuffles
             neighbouring parts, so that each chunk of frames is read about once an epoch.
 
@@ -49,8 +51,9 @@ class Frames:
         *,
         several: bool = False,
         history_s: Sequence[float] = (),
+        skins: bool = False,
     ) -> None:
-        self._root, self._several = root, several
+        self._root, self._several, self._skins = root, several, skins
         self.outfits: list[list[Clip]] = []
         known: dict[bytes, tuple[int, int]] = {}
         # (clips, 2): which outfit, and which of its shapes.
@@ -65,7 +68,9 @@ class Frames:
         self._steps = np.repeat(np.array(steps).reshape(len(readers), -1, 3)[chunks[:, 0]], lengths, axis=0)
         self._outfit_of_frame, self._shape_of_frame = np.repeat(kind_of[chunks[:, 0]], lengths, axis=0).T
         firsts = [shapes[0] for shapes in self.outfits]
-        self._bytes_per_frame = 12 * max(len(clip.template.vertices) + len(clip.body.rest) for clip in firsts)
+        self._bytes_per_frame = 12 * max(
+            (1 + 4 * skins) * len(clip.template.vertices) + len(clip.body.rest) for clip in firsts
+        )
 
     @classmethod
     def from_clips(cls, clips: Sequence[Clip], root: RootMode, *, history_s: Sequence[float] = ()) -> Frames:
@@ -129,6 +134,15 @@ class Frames:
             bodies.append(here.to_canonical(world))
         stacked = np.stack(bodies, axis=1) if bodies else np.empty((len(numbers), 0, 0, 3), np.float32)
         return torch.from_numpy(stacked), torch.from_numpy(vertical(here))
+
+    def skinned(self, index: Tensor) -> Tensor:
+        """(B, N, 12) float32, `skinned_garment` of frames `index` (B,) of one outfit.
+
+        Raises:
+            InputError: damaged data.
+        """
+        (moved,) = self._cache.frames(index.numpy(), slice(4, 5))
+        return torch.from_numpy(moved)
 
     def _world(self, numbers: np.ndarray) -> np.ndarray:
         body, rotation, translation = self._cache.frames(numbers, slice(1, 4))
@@ -204,7 +218,8 @@ class Frames:
         frames = root_frames(clip, self._root)
         assert clip.garment is not None  # _kind saw to it
         garment, body = (frames.to_canonical(mesh.vertices) for mesh in (clip.garment, clip.body))
-        return garment, body, frames.rotation, frames.translation
+        moved = (skinned_garment(clip, frames),) if self._skins else ()
+        return garment, body, frames.rotation, frames.translation, *moved
 
 
 def _same(clip: Clip, first: Clip) -> bool:

@@ -248,7 +248,9 @@ class Trainer:
             before, up = frames.earlier(index)
             up = up.to(self.device)
             earlier = imager.view.samples(before.to(self.device)) if before.shape[1] else None
-        body = imager(body_vertices.to(self.device), shape.to(self.device), earlier=earlier, up=up)
+        skinned = frames.skinned(index).to(self.device) if self.config.network.skins else None
+        shown = body_vertices.to(self.device), shape.to(self.device)
+        body = imager(*shown, earlier=earlier, up=up, skinned=skinned)
         left_out, values = self._left_out, None
         if left_out is not None and frames is self.train_frames:
             values = partial(left_out.values, index=index)
@@ -328,7 +330,8 @@ class Trainer:
         readers, root = [ref.reader() for ref in refs], self.config.maps.root
         history = self.config.network.history_s
         several = self.config.network.body == "local"
-        return Frames(readers, root, int(data.cache_gb * 1e9), several=several, history_s=history)
+        limit, skins = int(data.cache_gb * 1e9), self.config.network.skins
+        return Frames(readers, root, limit, several=several, history_s=history, skins=skins)
 
     def _outfit(self, frames: Frames, index: Tensor) -> Outfit:
         """That of frames `index` (B,)."""

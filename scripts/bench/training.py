@@ -54,7 +54,9 @@ def measure(quick: bool) -> Results:
     changes = ["maps.size=[32, 32]", "training.batch_frames=2"] if quick else []
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "tube.npz"
-        save_clip(source, _clip((16, 10), (14, 12), 4) if quick else _clip((54, 36), (58, 48), 64))
+        save_clip(
+            source, synthetic_clip((16, 10), (14, 12), 4) if quick else synthetic_clip((54, 36), (58, 48), 64)
+        )
         data = [
             f"data.source={source}",
             *(f"data.{part}={{split: null}}" for part in ("train", "validation")),
@@ -195,7 +197,7 @@ def _rotations(count: int, rounds: int) -> dict[str, float]:
     return {"polar_ms": times.ms("polar"), "ratio_svd_to_polar": times.ratio("svd", "polar")}
 
 
-def _clip(garment: tuple[int, int], body: tuple[int, int], frames: int) -> Clip:
+def synthetic_clip(garment: tuple[int, int], body: tuple[int, int], frames: int) -> Clip:
     """A synthetic clip; its root stands still."""
     cloth, inside = shapes.garment(*garment), shapes.body(*body)
     return Clip(
