@@ -100,11 +100,11 @@ class _Stages:
 
         return replaced
 
-    def read(self, parts: Callable[[int], Iterator[Clip]]) -> Callable[[int], Iterator[Clip]]:
+    def read(self, parts: Callable[..., Iterator[Clip]]) -> Callable[..., Iterator[Clip]]:
         """A reader's `parts`, whose reading is a stage."""
 
-        def replaced(count: int) -> Iterator[Clip]:
-            iterator = parts(count)
+        def replaced(*args: Any) -> Iterator[Clip]:
+            iterator = parts(*args)
             while True:
                 started = time.perf_counter()
                 part = next(iterator, None)
@@ -169,7 +169,7 @@ def _predicted(model: TransferModel, source: ClipRef, folder: Path) -> tuple[flo
     ]
     replaced.append((predict, "written_maps", stages.writer("writing_maps", predict.written_maps)))
     replaced.append((predict, "written_clip", stages.writer("writing_clip", predict.written_clip)))
-    replaced.append((reader, "parts", stages.read(reader.parts)))
+    replaced.append((type(reader), "parts", stages.read(type(reader).parts)))
     started = time.perf_counter()
     with ExitStack() as stack:
         for owner, attribute, call in replaced:
