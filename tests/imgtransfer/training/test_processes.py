@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -18,8 +15,8 @@ from imgtransfer.training.loop import train
 from imgtransfer.training.order import Order
 from imgtransfer.training.processes import Processes, is_main
 from imgtransfer.training.trainer import Trainer
+from tests.helpers.launching import launched
 from tests.helpers.models import LOCAL
-from tests.helpers.paths import ROOT
 from tests.helpers.training import small_config
 
 
@@ -61,20 +58,6 @@ def test_one_process_waits_for_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (alone.any(True), alone.any(False)) == (True, False)
     monkeypatch.setenv("WORLD_SIZE", "2")  # that other programs set, too
     assert Processes.joined("cpu").count == 1
-
-
-def launched(count: int, *words: str, port: int) -> subprocess.Popen[str]:
-    """`imgtransfer` in several processes, in a group of their own."""
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    launcher = ["-m", "torch.distributed.run", "--nproc_per_node", str(count), "--master_port", str(port)]
-    return subprocess.Popen(
-        [sys.executable, *launcher, "-m", "imgtransfer.cli.main", *words],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
 
 
 def trained_apart(folder: Path, config: RunConfig, count: int, port: int) -> Path:
