@@ -34,7 +34,11 @@ def add_parser(
             "imgtransfer predict runs/demo my_data.zarr --clip 'tshirt/walk*' --workers 2 --out walks",
         ),
     )
-    parser.add_argument("model", type=Path, help="a run's folder or a model.safetensors, of whatever method")
+    parser.add_argument(
+        "model",
+        type=Path,
+        help="a run's folder or a model.safetensors, of whatever method, or OWNER/NAME on the Hugging Face hub",
+    )
     parser.add_argument("source", type=Path, help="data set, clip npz or folder of clip npz")
     add_clip_choice(parser)
     parser.add_argument("--out", type=Path, required=True, help="folder for the results, one folder a clip")
@@ -60,8 +64,10 @@ def run(args: argparse.Namespace) -> None:
     """Predict every chosen clip, and say where the results are; a clip's folder appears whole or not at all."""
     from imgtransfer.deformers.checkpoint import is_deformer  # noqa: PLC0415
     from imgtransfer.running import run_tasks  # noqa: PLC0415
+    from imgtransfer.training.hub import model_path  # noqa: PLC0415
 
     executor = chosen_executor(args)
+    args.model = model_path(args.model)
     chosen = _of_method(args) if is_deformer(args.model) else _of_network(args)
     run = run_tasks(chosen.function, chosen.tasks, executor=executor, name=lambda task: task.name)
     if args.fuse:

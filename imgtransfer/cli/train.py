@@ -46,8 +46,9 @@ def run(args: argparse.Namespace) -> None:
     """Train, and say where the results are."""
     from imgtransfer.deformers.config import load_run_config  # noqa: PLC0415
     from imgtransfer.deformers.fit import fit_run  # noqa: PLC0415
-    from imgtransfer.training.config import RunConfig  # noqa: PLC0415
+    from imgtransfer.training.config import DataConfig, RunConfig  # noqa: PLC0415
     from imgtransfer.training.loop import CONFIG_FILE, LOG_FILE, train  # noqa: PLC0415
+    from imgtransfer.training.processes import is_main  # noqa: PLC0415
 
     changes = list(args.set)
     paths = {"data": "data.source", "init": "training.init"}
@@ -61,8 +62,11 @@ def run(args: argparse.Namespace) -> None:
         model = train(config, out, resume=args.resume)
     else:
         model = fit_run(config, out, resume=args.resume)
+    if not is_main():
+        return
     print(f"model   {model}")
     if (out / LOG_FILE).exists():
         print(f"log     {out / LOG_FILE}")
     print(f"config  {out / CONFIG_FILE}")
-    print(f"next    imgtransfer predict {out} {config.data.sources[0]} --out {out / 'predicted'}")
+    source = config.data.sources[0] if isinstance(config.data, DataConfig) else config.data.source
+    print(f"next    imgtransfer predict {out} {source} --out {out / 'predicted'}")

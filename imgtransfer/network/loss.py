@@ -45,3 +45,9 @@ def map_errors(predicted: ImagePair, truth: ImagePair, mask: Tensor, box: Positi
     ]
     angle = 2 * torch.asin((units[0] - units[1]).norm(dim=-1).clamp(max=2) / 2)  # exact for small angles too
     return {"position_mm": distance.mean().item() * 1000, "normal_degrees": angle.mean().rad2deg().item()}
+
+
+def frame_distances(predicted: ImagePair, truth: ImagePair, mask: Tensor, box: PositionBox) -> Tensor:
+    """(B,) of each frame the mean distance to the true position over the covered pixels, metres; arguments as above."""
+    metres = [box.decode(pair.positions[:, mask]) for pair in (predicted, truth)]
+    return (metres[0] - metres[1]).norm(dim=-1).mean(dim=-1)

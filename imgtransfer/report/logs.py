@@ -2,19 +2,45 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import math
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from imgtransfer.training.log import read_entries
 from render import InputError
 from render.files.atomic import check_regular
 
 _log = logging.getLogger(__name__)
 
 Curves = dict[str, tuple[list[float], list[float]]]
+
+
+def read_entries(path: Path) -> tuple[list[dict[str, Any]], int]:
+    """The entries of a log in the order of the file, and how many lines are no such entries.
+
+    A run that is killed, or runs out of disk, may leave half a line; that must not cost the others.
+
+    Raises:
+        InputError: no regular file.
+    """
+    check_regular(path, "the log of a training run")
+    lines = [line for line in path.read_bytes().splitlines() if line.strip()]
+    entries = [entry for line in lines if (entry := _entry(line)) is not None]
+    return entries, len(lines) - len(entries)
+
+
+def _entry(line: bytes) -> dict[str, Any] | None:
+    try:
+        entry = json.loads(line.decode())
+    except (ValueError, RecursionError):  # not JSON, or not UTF-8
+        return None
+    step = entry.get("step") if isinstance(entry, dict) else None
+    whole = isinstance(step, int | float) and not isinstance(step, bool) and math.isfinite(step)
+    return entry if whole else None
 
 
 def read_curves(path: str | Path, keys: Mapping[str, str], *, points: int = 150) -> Curves:

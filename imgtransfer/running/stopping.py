@@ -53,9 +53,13 @@ class Stop:
 
 
 @contextmanager
-def stop_between_steps() -> Iterator[Stop]:
+def stop_between_steps(*, every: bool = False) -> Iterator[Stop]:
     """In here, the first Ctrl-C or SIGTERM only sets the `Stop`, so that a step under way ends whole; the next one does
     what it did outside.
+
+    Args:
+        every: whether every further one does no more than the first: launchers of several processes send each of them
+            one besides the one that the terminal has sent, and end those that take too long.
     """
     stop = Stop()
     if not _may_handle():
@@ -64,8 +68,9 @@ def stop_between_steps() -> Iterator[Stop]:
     before: dict[int, Any] = {}
 
     def handle(number: int, frame: Any) -> None:
-        stop.number = number
-        restore()
+        stop.number = stop.number or number
+        if not every:
+            restore()
 
     def restore() -> None:
         for number, handler in before.items():

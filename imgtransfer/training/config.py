@@ -66,11 +66,21 @@ class TrainingConfig(Section):
         le=10**9,
         description="Steps of the optimiser, a batch each; 0, with `network.head`, leaves it at the first guess.",
     )
-    batch_frames: int = Field(8, ge=1, le=4096, description="Frames of a batch.")
+    batch_frames: int = Field(
+        8, ge=1, le=4096, description="Frames that one process computes at a time: a batch."
+    )
+    accumulate: int = Field(
+        1,
+        ge=1,
+        le=4096,
+        description="Batches whose gradients each process adds up before a step. A step takes batch_frames times this "
+        "times the number of processes frames.",
+    )
     optimizer: Literal["adam", "adamw"] = Field("adam", description="Adam (the paper), or AdamW.")
     learning_rate: Ratio = Field(1e-4, gt=0, le=10, description="After the warm-up.")
-    schedule: Literal["constant", "cosine"] = Field(
-        "constant", description="The learning rate after the warm-up; cosine falls to 0 at the last step."
+    schedule: Literal["constant", "linear", "cosine"] = Field(
+        "constant",
+        description="The learning rate after the warm-up; linear and cosine fall to 0 at the last step.",
     )
     warmup_steps: int = Field(
         0, ge=0, le=10**9, description="Steps over which the learning rate rises from 0."
@@ -126,12 +136,46 @@ class TrainingConfig(Section):
     seed: int = Field(
         0, ge=0, lt=2**63, description="Of the networks' first weights and of the order of the frames."
     )
+    deterministic: bool = Field(
+        False,
+        description="Take only CUDA kernels that give the same result every time, or stop where there is none; they "
+        "are slower. A CPU needs no asking.",
+    )
     validate_every_steps: int = Field(1000, ge=1, le=10**9, description="Steps between two validations.")
+    geometry_every_steps: int | None = Field(
+        None,
+        ge=1,
+        le=10**9,
+        description="Steps after which some validation frames are also fused and their vertices measured, and so after "
+        "the last; a frame takes as long as in `imgtransfer fuse`. null never does.",
+    )
+    geometry_frames: int = Field(
+        8,
+        ge=2,
+        le=10**4,
+        description="How many validation frames that are: runs of four that follow each other.",
+    )
     checkpoint_every_steps: int = Field(
         1000,
         ge=1,
         le=10**9,
         description="Steps after which the model and the state to resume from are saved.",
+    )
+    keep_checkpoints: int = Field(
+        1,
+        ge=1,
+        le=10**4,
+        description="How many saved states with their models are kept: the last in the run's folder, earlier ones in "
+        "checkpoints/STEP. The model of the best validation is kept besides.",
+    )
+    tensorboard: bool = Field(
+        False, description="Also write what log.jsonl gets for TensorBoard, into the run's folder."
+    )
+    wandb: str | None = Field(
+        None,
+        min_length=1,
+        max_length=128,
+        description="Project of Weights & Biases to log to; null does not.",
     )
     stored: Literal["float32", "float16"] = Field(
         "float32",

@@ -18,8 +18,11 @@ from imgtransfer.network.kernel_head import HeadSizes, KernelHead, LeftOut, head
 from imgtransfer.network.kernel_ridge import fit_ridge
 from imgtransfer.network.local_view import mirrored_features
 from imgtransfer.network.maps import BodyMaps, ImagePair
+from imgtransfer.running.task import in_worker
+from imgtransfer.training.divergence import Diverged
 from imgtransfer.training.sampler import Frames
 from render import PositionBox, decode_normals
+from render.errors import said_by
 
 MOST_FRAMES = 8192  # that are fitted to, evenly spread; each takes some 10 kB
 TYPICAL_FRAMES = 128  # that principal directions and images are found from
@@ -157,6 +160,9 @@ def fit_head(
 
     Args:
         model: which has none. frames: of the training. batch, covered, mirror: see `HeadFit`.
+
+    Raises:
+        Diverged: equations that have no solution, or none of finite numbers.
     """
     fit = HeadFit(
         config=model.network.head,
@@ -169,9 +175,20 @@ def fit_head(
         mirror=mirror,
         batch=batch,
     )
-    bar = partial(tqdm, desc="first guess", unit="batch", leave=False, delay=2, disable=None)
+    bar = partial(tqdm, desc="first guess", unit="batch", leave=False, delay=2, disable=in_worker() or None)
     group = left_out_groups(frames.clip_starts)
-    return fit(frames.spread(TYPICAL_FRAMES), frames.spread(MOST_FRAMES), group, bar)
+    advice = (
+        "try another network.head.ridge or network.head.smoothness, or look for faulty clips with "
+        "`imgtransfer inspect`"
+    )
+    try:
+        head, left_out = fit(frames.spread(TYPICAL_FRAMES), frames.spread(MOST_FRAMES), group, bar)
+    except (np.linalg.LinAlgError, torch.linalg.LinAlgError) as error:
+        raise Diverged(f"network.head cannot be fitted ({said_by(error)}); {advice}") from error
+    for name, value in (*head.state_dict().items(), *left_out.tensors().items()):
+        if not bool(value.isfinite().all()):
+            raise Diverged(f"network.head cannot be fitted: its {name} would not be finite; {advice}")
+    return head, left_out
 
 
 def turned_back(guess: Guess, vectors: Tensor) -> Tensor:

@@ -52,9 +52,10 @@ class Order:
         """(batch,) bool, a fair coin for each frame of the step."""
         return torch.rand(self.batch, generator=self._generator(2 * step + 1)) < 0.5
 
-    def step_seed(self, step: int) -> int:
-        """A seed for what else is random in the step, of no other stream of numbers."""
-        return int(np.random.SeedSequence([self.seed, step, 1]).generate_state(1)[0])
+    def step_seed(self, step: int, part: int = 0) -> int:
+        """A seed for what else is random in a part of the step, of no other stream of numbers."""
+        stream = [self.seed, step, 1, part] if part else [self.seed, step, 1]
+        return int(np.random.SeedSequence(stream).generate_state(1)[0])
 
     def _epoch(self, epoch: int) -> Tensor:
         if epoch not in self._epochs:

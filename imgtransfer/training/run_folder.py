@@ -31,8 +31,15 @@ FREE_ON_RESUME = frozenset(
         "threads",
         "stored",
         "trunk_cache_gb",
+        "accumulate",  # the frames of a step must stay as many, which the trainer checks
+        "deterministic",
         "validate_every_steps",
+        "geometry_every_steps",
+        "geometry_frames",
         "checkpoint_every_steps",
+        "keep_checkpoints",
+        "tensorboard",
+        "wandb",
     )
 )
 
@@ -145,11 +152,11 @@ def check_steps(out: Path, config: RunConfig, step: int) -> None:
         raise InputError(
             f"{out}: training.steps is {options.steps}, but the run has done {step} already; at least {step} are wanted"
         )
-    if options.steps != before.steps and options.schedule == "cosine" and step < options.steps:
+    if options.steps != before.steps and options.schedule != "constant" and step < options.steps:
         rates = [learning_rate(of, min(step, of.steps)) for of in (options, before)]
         _note(
-            f"{out}: the cosine schedule follows the new number of steps; the learning rate is {rates[0]:.2g} "
-            f"where it was {rates[1]:.2g}"
+            f"{out}: the {options.schedule} schedule follows the new number of steps; the learning rate is "
+            f"{rates[0]:.2g} where it was {rates[1]:.2g}"
         )
 
 

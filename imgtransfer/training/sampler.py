@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -16,6 +16,8 @@ from imgtransfer.data.reader import LoadedReader, Reader
 from imgtransfer.network.history import earlier_steps, vertical
 from imgtransfer.network.shapes import misfit, same_faces
 from imgtransfer.network.skinned import skinned_garment
+from imgtransfer.running.fingerprint import fingerprint
+from imgtransfer.running.task import in_worker
 from imgtransfer.training.order import Order
 from render import InputError, Mesh
 
@@ -41,6 +43,8 @@ class Frames:
 
     Attributes:
         outfits: of each one frame of the first clip in each shape, in the order of the clips.
+        readers: the clips.
+        mark: a text that changes with the clips' names, lengths, first frames, templates and bodies.
     """
 
     def __init__(
@@ -54,15 +58,21 @@ class Frames:
         skins: bool = False,
     ) -> None:
         self._root, self._several, self._skins = root, several, skins
+        self.readers = readers
         self.outfits: list[list[Clip]] = []
         known: dict[bytes, tuple[int, int]] = {}
-        # (clips, 2): which outfit, and which of its shapes.
-        kind_of = np.array([self._kind(reader.clip(0, 1), known) for reader in readers])
+        kinds, steps, marks = [], [], []
+        for reader in readers:
+            still = reader.clip(0, 1)
+            kinds.append(self._kind(still, known))
+            steps.append(earlier_steps(history_s, still.fps))
+            marks.append(fingerprint(_marks(reader, still)))
+        kind_of = np.array(kinds)  # (clips, 2): which outfit, and which of its shapes
+        self.mark = fingerprint(marks)
         self._cache = FrameCache(readers, self._canonical, cache_bytes)
         self._cache_bytes = cache_bytes
         chunks = np.array(self._cache.chunks)
         self._clip_start = self._cache.clip_starts
-        steps = [earlier_steps(history_s, reader.clip(0, 1).fps) for reader in readers]
         lengths = chunks[:, 2] - chunks[:, 1]
         # (frames, L - 1, 3): near, far, weight of the second.
         self._steps = np.repeat(np.array(steps).reshape(len(readers), -1, 3)[chunks[:, 0]], lengths, axis=0)
@@ -176,11 +186,19 @@ class Frames:
         """(2, 3): the least and the greatest coordinates of the garment in any frame. Reads all of them."""
         bounds = []
         numbers = range(len(self._cache.chunks))
-        for number in tqdm(numbers, desc="data", unit="chunk", leave=False, delay=2, disable=None):
+        for number in tqdm(
+            numbers, desc="data", unit="chunk", leave=False, delay=2, disable=in_worker() or None
+        ):
             garment = self._cache.chunk(number)[0]
             bounds.append((garment.min(axis=(0, 1)), garment.max(axis=(0, 1))))
         lows, highs = zip(*bounds, strict=True)
         return np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
+
+    def label(self, frame: int) -> str:
+        """What a frame is called: "walk, frame 12"."""
+        starts = np.unique(self._clip_start)
+        clip = int(np.searchsorted(starts, frame, side="right")) - 1
+        return f"{self.readers[clip].name}, frame {frame - starts[clip]}"
 
     @property
     def clip_starts(self) -> np.ndarray:
@@ -220,6 +238,21 @@ class Frames:
         garment, body = (frames.to_canonical(mesh.vertices) for mesh in (clip.garment, clip.body))
         moved = (skinned_garment(clip, frames),) if self._skins else ()
         return garment, body, frames.rotation, frames.translation, *moved
+
+
+def _marks(reader: Reader, still: Clip) -> Iterator[str | bytes]:
+    """What tells a clip from another: not its frames, which would all have to be read."""
+    assert still.garment is not None  # _kind saw to it
+    yield f"{reader.name} {reader.n_frames} {still.fps!r}"
+    for array in (
+        still.template.vertices,
+        still.template.faces,
+        still.body.rest,
+        still.body.faces,
+        still.garment.vertices,
+        still.body.vertices,
+    ):
+        yield np.ascontiguousarray(array).tobytes()
 
 
 def _same(clip: Clip, first: Clip) -> bool:

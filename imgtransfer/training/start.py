@@ -1,17 +1,23 @@
-"""The model that a run begins with: a new one for its garment, or one that is trained already."""
+"""What a run begins with: its frames, its number type, and a model that is new or trained already."""
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
+from torch import Tensor
 
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.source import clip_refs
 from imgtransfer.network import TransferModel
 from imgtransfer.network.shapes import same_faces
 from imgtransfer.training.checkpoint import load_model
-from imgtransfer.training.config import RunConfig
+from imgtransfer.training.config import ClipChoice, RunConfig
+from imgtransfer.training.precision import Precision, Workload, bfloat16_ratio, choose_precision
+from imgtransfer.training.prepared import mark_of
+from imgtransfer.training.processes import Processes
 from imgtransfer.training.sampler import Frames
 from render import InputError, Mesh, Option, PositionBox
 
@@ -106,3 +112,39 @@ def _flat(section: BaseModel, name: str) -> dict[str, Any]:
         elif key not in _OF_TRAINING_ALONE:
             flat[f"{name}.{key}"] = list(value) if isinstance(value, tuple) else value
     return flat
+
+
+def chosen_frames(config: RunConfig, choice: ClipChoice) -> Frames:
+    """The frames of the clips that a configuration chooses."""
+    data = config.data
+    refs = [
+        ref
+        for source in data.sources
+        for ref in clip_refs(source, split=choice.split, names=choice.names, exclude=choice.exclude)
+    ]
+    return Frames(
+        [ref.reader() for ref in refs],
+        config.maps.root,
+        int(data.cache_gb * 1e9),
+        several=config.network.body == "local",
+        history_s=config.network.history_s,
+        skins=config.network.skins,
+    )
+
+
+def agreed_precision(config: RunConfig, processes: Processes) -> Precision:
+    """The number type, the same in all processes."""
+    workload = Workload.of(config.maps, config.network, config.training.batch_frames)
+
+    def ratio() -> float:
+        return processes.mean({"ratio": bfloat16_ratio(processes.device, workload)})["ratio"]
+
+    return choose_precision(config.training.precision, ratio)
+
+
+def preparation_mark(config: RunConfig, frames: Frames, head: Tensor | None) -> str:
+    """A text that changes with what prepared frames hang on (`PatchLosses.prepare`); `head` are its weights."""
+    texts = [part.model_dump_json() for part in (config.data, config.maps, config.network)]
+    meshes = [clip.template.vertices for clip in chain(*frames.outfits)]
+    weights = [] if head is None else [head.cpu().numpy()]
+    return mark_of(texts, [frames.clip_starts, *meshes, *weights])

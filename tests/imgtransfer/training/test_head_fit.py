@@ -14,10 +14,13 @@ from imgtransfer.cli.main import main
 from imgtransfer.config.loader import load_config, parse_config, to_yaml
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.network.base import Guess
+from imgtransfer.network.maps import BodyMaps, ImagePair
 from imgtransfer.training.checkpoint import load_model, read_tensors, save_model, write_tensors
 from imgtransfer.training.config import RunConfig
+from imgtransfer.training.divergence import Diverged
 from imgtransfer.training.head_fit import left_out_groups, principal, turned_back
 from imgtransfer.training.loop import train
+from imgtransfer.training.sampler import Frames
 from imgtransfer.training.trainer import Trainer
 from render import InputError
 from tests.helpers.models import LOCAL
@@ -228,3 +231,17 @@ def test_turning_back_undoes_turning() -> None:
     torch.testing.assert_close(turned_back(blended, blended.turn(vectors)), vectors, rtol=0, atol=1e-2)
     axes_lost = replace(guess, rotation=torch.zeros_like(rotation).view(3, 2, 2, 5, 3, 3))
     assert turned_back(axes_lost, vectors).abs().max() == 0
+
+
+def test_a_head_that_would_not_be_finite_is_refused(clips: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    trainer = Trainer(head_config(clips))
+    real = trainer.batch
+
+    def batch(frames: Frames, index: torch.Tensor) -> tuple[BodyMaps, ImagePair]:
+        body, truth = real(frames, index)
+        return body, ImagePair(truth.positions * torch.nan, truth.normals)
+
+    monkeypatch.setattr(trainer, "batch", batch)
+    with pytest.raises(Diverged, match=r"network.head cannot be fitted.*try another network.head.ridge"):
+        trainer.fit_head()
+    assert trainer.model.head is None

@@ -67,6 +67,8 @@ def test_sigterm_saves_what_is_done_and_the_run_goes_on_to_more_steps(
         "config.yaml",
         "log.jsonl",
         "model.safetensors",
+        "progress",
+        "report.html",
         "state.safetensors",
     ]
 
@@ -227,7 +229,11 @@ def test_a_full_disk_is_one_line_and_the_run_goes_on_afterwards(
     assert error.startswith("imgtransfer: error: ")
     assert f"{tmp_path / 'run' / 'state.safetensors'}: cannot be written" in error
     assert "File too large" in error
-    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["config.yaml", "log.jsonl"]
+    assert sorted(path.name for path in (tmp_path / "run").rglob("*")) == [
+        "config.yaml",
+        "log.jsonl",
+        "progress",
+    ]
     with (
         full_disk(100),
         pytest.raises(OSError, match="File too large") as failed,

@@ -1,0 +1,71 @@
+"""A training in two processes that is killed at random moments ends with the weights of one that never was."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from imgtransfer.config.loader import to_yaml
+from imgtransfer.training.loop import train
+from tests.helpers.launching import kill_all, launched
+from tests.helpers.training import small_config
+
+KILLS = 20
+LONGEST_START = 180.0  # seconds until a step is logged; then a kill comes within `WINDOW`
+WINDOW = 3.0
+
+
+@pytest.mark.long
+def test_twenty_kills_change_no_weight(source: Path, tmp_path: Path) -> None:
+    options = {
+        "steps": 400,
+        "batch_frames": 1,
+        "ema": 0.9,
+        "learning_rate": 1e-3,
+        "validate_every_steps": 40,
+        "checkpoint_every_steps": 3,
+        "keep_checkpoints": 2,
+    }
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    # One process with twice the batches gives the same to the bit (test_processes).
+    train(small_config(source, accumulate=4, **options), whole)
+    (tmp_path / "run.yaml").write_text(to_yaml(small_config(source, accumulate=2, **options)))
+    words = ["train", str(tmp_path / "run.yaml"), "--out", str(killed)]
+    moments = np.random.default_rng(0).uniform(0, WINDOW, KILLS)
+    kills = 0
+    for number, moment in enumerate(moments):
+        resume = ["--resume"] if (killed / "config.yaml").exists() else []
+        process = launched(2, *words, *resume, port=29700 + number)
+        if _steps_on(process, killed / "log.jsonl"):
+            time.sleep(moment)
+        ended = process.poll() is not None
+        kill_all(process)
+        if ended:
+            break
+        kills += 1
+    assert kills >= KILLS // 2, "the training ended before it was killed often enough"
+    last = launched(2, *words, "--resume", port=29800)
+    _, err = last.communicate(timeout=900)
+    assert last.returncode == 0, err[-3000:]
+    for file in ("state.safetensors", "model.safetensors"):
+        wanted, found = load_file(whole / file), load_file(killed / file)
+        assert wanted.keys() == found.keys()
+        assert all(torch.equal(wanted[key], found[key]) for key in wanted), f"{file} after {kills} kills"
+
+
+def _steps_on(process: subprocess.Popen[str], log: Path) -> bool:
+    """Wait until the process writes to the log; False where it ends before."""
+    before = log.stat().st_mtime_ns if log.exists() else 0
+    size = log.stat().st_size if log.exists() else 0
+    end = time.monotonic() + LONGEST_START
+    while time.monotonic() < end and process.poll() is None:
+        if log.exists() and (log.stat().st_mtime_ns, log.stat().st_size) != (before, size):
+            return True
+        time.sleep(0.05)
+    return False
