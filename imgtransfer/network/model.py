@@ -316,11 +316,9 @@ class Predictor:
             skinned = skinned_frames(clip, frames, self._model.network, device)
             return ShownFrames(frames, clip.fps, body, skinned=skinned)
         assert self._body.view is not None
-        world = torch.from_numpy(clip.body.vertices.astype(np.float32)).to(device)
-        earlier, up = self._history(self._body.view.samples(world).cpu().numpy(), frames)
-        return ShownFrames(
-            frames, clip.fps, body, torch.from_numpy(earlier).to(device), torch.from_numpy(up).to(device)
-        )
+        samples = self._body.view.samples(torch.from_numpy(clip.body.vertices.astype(np.float32)).to(device))
+        earlier, up = (torch.from_numpy(of).to(device) for of in self._history(samples.cpu().numpy(), frames))
+        return ShownFrames(frames, clip.fps, body, earlier, up)
 
     @torch.no_grad()
     def predicted(self, shown: ShownFrames) -> Prediction:
@@ -334,15 +332,9 @@ class Predictor:
             )
         kept = model.mask[..., None]
         unit = nn.functional.normalize(images.normals * 2 - 1, dim=-1)
-        return Prediction(
-            (images.positions * kept).cpu(),
-            (encode_normals(unit) * kept).cpu(),
-            shown.frames,
-            model.imager,
-            model.box,
-            shown.fps,
-            self.rest_vertices,
-        )
+        positions, normals = (images.positions * kept).cpu(), (encode_normals(unit) * kept).cpu()
+        about = model.imager, model.box, shown.fps, self.rest_vertices
+        return Prediction(positions, normals, shown.frames, *about)
 
     def _images(self, body: BodyMaps) -> ImagePair:
         if self._mirror is None:
