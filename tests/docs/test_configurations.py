@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any
 
 import pytest
 import yaml
 from pydantic import BaseModel, TypeAdapter
 
+from imgtransfer.benchmark.config import BenchmarkConfig
+from imgtransfer.benchmark.run import benchmark_tasks
 from imgtransfer.cli.main import build_parser
 from imgtransfer.config.field_words import kind_of, models_of
 from imgtransfer.config.loader import load_config, read_yaml
@@ -187,4 +190,14 @@ def test_a_committed_file_is_of_one_kind(path: Any) -> None:
         except InputError:
             continue
         taken.append(command)
-    assert taken == ["simulate" if path.parent.name == "data" else "train"]
+    assert taken == [{"data": "simulate", "benchmark": "benchmark"}.get(path.parent.name, "train")]
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "configs" / "benchmark").glob("*.yaml")), ids=lambda path: path.name
+)
+def test_every_method_of_a_committed_benchmark_can_be_trained(path: Path) -> None:
+    tasks = benchmark_tasks(
+        load_config(BenchmarkConfig, path), Path("out"), source=str(path), only=None, predictions={}
+    )
+    assert len({task.name for task in tasks}) == len(tasks) > 3

@@ -46,8 +46,8 @@ class PoseRegressionConfig(LbsConfig):
         ge=2,
         le=100,
         description="Parts that the training clips, in the order of their names, are cut into to be left out in turn. "
-        "Clips of one motion should fall into one part: widths that are chosen on parts of the same motion are too "
-        "small for others.",
+        "Clips of one motion should fall into one part, or widths come out too small "
+        "for others.",
     )
     most_frames: Annotated[int, Unit("frames")] = Field(
         3000,

@@ -49,7 +49,7 @@ def test_every_method_is_trained_and_measured_once(folder: Path, capsys: pytest.
     for name, frames in (("two", 2), ("six", 6)):
         np.savez(f"mine/{name}.npz", garment_vertices=tube_clip(frames).garment.vertices)
     command = ["benchmark", "bench.yaml", "--out", "out", "--predictions", "mine=mine"]
-    assert main([*command, "--set", "pictures=1", "--set", "played=1"]) == 0
+    assert main(command) == 0
     shown = capsys.readouterr().out
     assert "page     out/report.html" in shown
     results = json.loads(Path("out/results.json").read_text())
@@ -69,14 +69,28 @@ def test_every_method_is_trained_and_measured_once(folder: Path, capsys: pytest.
         assert row in Path("out/tables.md").read_text()
         assert row.replace("_", r"\_") in Path("out/tables.tex").read_text()
     page = Path("out/report.html").read_text()
-    assert page.count('class="frame"') == 2 * 5  # two clips, four methods and the truth
-    assert "http" not in page
-    assert Path("out/pictures/tube__two.png").is_file()
+    assert all(row in page for row in rows)
+    assert not Path("out/pictures").exists()
     before = Path("out/tube/pose_regression/run/model.safetensors").stat().st_mtime_ns
     assert main([*command, "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["results"] == results["results"]
     assert Path("out/tube/pose_regression/run/model.safetensors").stat().st_mtime_ns == before
+
+
+def test_the_page_shows_and_plays_every_method_and_needs_nothing_else(folder: Path) -> None:
+    changes = ["pictures=1", "played=1", "data.0.test.names=[two]"]
+    options = ["--out", "out", "--methods", "lbs"]
+    assert (
+        main(["benchmark", "bench.yaml", *options, *(word for one in changes for word in ("--set", one))])
+        == 0
+    )
+    page = Path("out/report.html").read_text()
+    assert page.count('class="frame"') == 2  # the method, and the truth
+    assert page.count("data:image/jpeg;base64,") == 2
+    assert page.count("data:image/png;base64,") == 1
+    assert "http" not in page
+    assert Path("out/pictures/tube__two.png").is_file()
 
 
 @pytest.mark.parametrize(
