@@ -18,7 +18,6 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "Ctrl-C or SIGTERM saves the state and stops. It is also saved every ten minutes. A file with a section "
         "`method` is of another method than the networks; docs/benchmark.md says which there are.",
         examples=(
-            "imgtransfer train configs/demo.yaml --out runs/demo",
             "imgtransfer train configs/demo.yaml --data my_data.zarr --set training.steps=20000 --out runs/mine",
             "imgtransfer train configs/methods/pose_regression.yaml --out runs/regression",
         ),

@@ -18,9 +18,9 @@ BUILT_IN = {
     "lbs": f"{_HERE}.lbs:Lbs",
     "pose_regression": f"{_HERE}.pose_regression:PoseRegression",
     "virtual_bones": f"{_HERE}.virtual_bones:VirtualBones",
-    "anchordef": f"{_HERE}.anchordef.method:AnchorDef",
+    "anchordef": f"{_HERE}.anchordef:AnchorDef",
     "jointnet": f"{_HERE}.jointnet:JointNet",
-    "motion_guided": f"{_HERE}.motion_guided.method:MotionGuided",
+    "motion_guided": f"{_HERE}.motion_guided:MotionGuided",
 }
 
 
