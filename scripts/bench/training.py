@@ -7,12 +7,14 @@ the configuration's, the number type is the one that `precision: auto` takes her
   step_ms                       one whole step: maps, both networks forward and backward, optimiser
   bfloat16_to_float32           what `precision: auto` measured at the start
   maps_ms, share_of_maps        making the maps of a batch, body's and garment's, with the first guess
+  share_of_reading              reading a batch's frames: what the networks wait for the data
   ratio_a_to_b                  how many times as long a takes as b
   attention_*                   one attention layer forward and backward, 65 tokens (128 / 16) or 257 (128 / 8)
   ratio_fused_to_written_*      torch's scaled_dot_product_attention against the products written out
   decoder_*, polar_*            the decoder by its memory layout; rotations by Newton's iteration or by an SVD
   steps_per_s_*                 two threads on two cores, alone or beside one busy process there, where OpenMP's threads
                                 spin while they wait (its default) or sleep (as this project's commands have it)
+  step_s_*_process(es)          two processes against one, at the same number of frames a step (`processes.py`)
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ from imgtransfer.network.decoder import Decoder
 from imgtransfer.network.local_frames import nearest_rotation
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.trainer import Trainer
-from scripts.bench import neighbours, shapes
+from scripts.bench import neighbours, processes, shapes
 from scripts.bench.measuring import Results, command, interleaved
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "demo.yaml"
@@ -65,6 +67,7 @@ def measure(quick: bool) -> Results:
         # With one thread nothing waits, and a quick run is quick beside other processes, too.
         as_ours = [f"training.precision={chosen}", f"training.threads={1 if quick else neighbours.CORES}"]
         beside = neighbours.measure(CONFIG, [*changes, *data, *as_ours], min(rounds, 5))
+        apart = processes.measure(CONFIG, [*changes, *data, as_ours[0]], 4 if quick else 12)
     config = load_config(RunConfig, CONFIG, changes)
     images, dim = config.training.batch_frames * len(config.maps.views), config.network.encoder.dim
     heads = config.network.encoder.heads
@@ -78,6 +81,7 @@ def measure(quick: bool) -> Results:
     return {
         "step": step,
         "neighbours": beside,
+        "processes": apart,
         "parts": parts | _rotations(images * (8 if quick else 32) ** 2, rounds),
     }
 
@@ -103,6 +107,7 @@ def _step(changes: list[str], rounds: int) -> tuple[dict[str, float], str]:
             "fused": fused,
             "patch8": patch8.train_step,
             "maps": lambda: ours.batch(ours.train_frames, frames),
+            "reading": lambda: ours.train_frames.read(frames),
         },
         rounds=rounds,
     )
@@ -110,6 +115,7 @@ def _step(changes: list[str], rounds: int) -> tuple[dict[str, float], str]:
         "step_ms": times.ms("ours"),
         "maps_ms": times.ms("maps"),
         "share_of_maps": times.ratio("maps", "ours"),
+        "share_of_reading": times.ratio("reading", "ours"),
         "bfloat16_to_float32": ours.precision.ratio or math.nan,
         "ratio_float32_to_bfloat16": times.ratio("float32", "bfloat16"),
         "ratio_fused_to_written_attention": times.ratio("fused", "ours"),

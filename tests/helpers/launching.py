@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from contextlib import suppress
+from pathlib import Path
 
 import psutil
 
@@ -32,3 +34,19 @@ def kill_all(launcher: subprocess.Popen[str]) -> None:
             with suppress(psutil.NoSuchProcess):
                 process.kill()
     launcher.communicate()
+
+
+def wait_for_entry(launcher: subprocess.Popen[str], log: Path, *, longest_s: float = 180.0) -> bool:
+    """Wait until a run writes to its log; False where it ends before, or takes longer."""
+    before = _look(log)
+    end = time.monotonic() + longest_s
+    while time.monotonic() < end and launcher.poll() is None:
+        if _look(log) not in (before, (0, 0)):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def _look(log: Path) -> tuple[int, int]:
+    """When it was written last, and its size; zeros where it is not there."""
+    return (log.stat().st_mtime_ns, log.stat().st_size) if log.exists() else (0, 0)

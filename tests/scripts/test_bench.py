@@ -140,6 +140,8 @@ KEYS = {
     "training": {
         "step_ms",
         "share_of_maps",
+        "share_of_reading",
+        "ratio_one_to_two_processes",
         "ratio_float32_to_bfloat16",
         "ratio_patch_8_to_16",
         "ratio_fused_to_written_attention",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import time
 from pathlib import Path
 
@@ -13,12 +12,11 @@ from safetensors.torch import load_file
 
 from imgtransfer.config.loader import to_yaml
 from imgtransfer.training.loop import train
-from tests.helpers.launching import kill_all, launched
+from tests.helpers.launching import kill_all, launched, wait_for_entry
 from tests.helpers.training import small_config
 
 KILLS = 20
-LONGEST_START = 180.0  # seconds until a step is logged; then a kill comes within `WINDOW`
-WINDOW = 3.0
+WINDOW = 3.0  # seconds after the first entry of the log within which the kill comes
 
 
 @pytest.mark.long
@@ -42,7 +40,7 @@ def test_twenty_kills_change_no_weight(source: Path, tmp_path: Path) -> None:
     for number, moment in enumerate(moments):
         resume = ["--resume"] if (killed / "config.yaml").exists() else []
         process = launched(2, *words, *resume, port=29700 + number)
-        if _steps_on(process, killed / "log.jsonl"):
+        if wait_for_entry(process, killed / "log.jsonl"):
             time.sleep(moment)
         ended = process.poll() is not None
         kill_all(process)
@@ -57,15 +55,3 @@ def test_twenty_kills_change_no_weight(source: Path, tmp_path: Path) -> None:
         wanted, found = load_file(whole / file), load_file(killed / file)
         assert wanted.keys() == found.keys()
         assert all(torch.equal(wanted[key], found[key]) for key in wanted), f"{file} after {kills} kills"
-
-
-def _steps_on(process: subprocess.Popen[str], log: Path) -> bool:
-    """Wait until the process writes to the log; False where it ends before."""
-    before = log.stat().st_mtime_ns if log.exists() else 0
-    size = log.stat().st_size if log.exists() else 0
-    end = time.monotonic() + LONGEST_START
-    while time.monotonic() < end and process.poll() is None:
-        if log.exists() and (log.stat().st_mtime_ns, log.stat().st_size) != (before, size):
-            return True
-        time.sleep(0.05)
-    return False

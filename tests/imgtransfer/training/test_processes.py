@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
+import psutil
 import pytest
 import torch
 from safetensors.torch import load_file
@@ -15,7 +17,7 @@ from imgtransfer.training.loop import train
 from imgtransfer.training.order import Order
 from imgtransfer.training.processes import Processes, is_main
 from imgtransfer.training.trainer import Trainer
-from tests.helpers.launching import launched
+from tests.helpers.launching import launched, wait_for_entry
 from tests.helpers.models import LOCAL
 from tests.helpers.training import small_config
 
@@ -101,3 +103,22 @@ def test_two_processes_share_a_local_network_with_dropout_and_a_head(source: Pat
     train(config(accumulate=2), tmp_path / "accumulated")
     a, b = (load_file(folder / "state.safetensors") for folder in (apart, tmp_path / "accumulated"))
     assert all(torch.equal(a[key], b[key]) for key in b)
+
+
+@pytest.mark.long
+def test_a_signal_to_one_process_stops_all_after_the_same_step(source: Path, tmp_path: Path) -> None:
+    config = small_config(
+        source, batch_frames=1, steps=5000, validate_every_steps=5000, checkpoint_every_steps=5000
+    )
+    (tmp_path / "run.yaml").write_text(to_yaml(config))
+    words = ["train", str(tmp_path / "run.yaml"), "--out", str(tmp_path / "run")]
+    launcher = launched(2, *words, port=29643)
+    assert wait_for_entry(launcher, tmp_path / "run" / "log.jsonl")
+    *_, last = psutil.Process(launcher.pid).children()
+    last.send_signal(signal.SIGTERM)
+    _, err = launcher.communicate(timeout=120)
+    assert launcher.returncode != 0
+    assert "the same command with --resume goes on" in err
+    steps = load_file(tmp_path / "run" / "state.safetensors").get("optimizer.0.step", torch.tensor(0.0))
+    lines = (tmp_path / "run" / "log.jsonl").read_text().splitlines()
+    assert len(lines) == int(steps) + 1
