@@ -17,6 +17,8 @@ BUILT_IN = {
     NETWORK: f"{_HERE}.image_transfer:ImageTransfer",
     "lbs": f"{_HERE}.lbs:Lbs",
     "pose_regression": f"{_HERE}.pose_regression:PoseRegression",
+    "pointnet": f"{_HERE}.vertex_network:PointNet",
+    "gcn": f"{_HERE}.vertex_network:GraphNetwork",
 }
 
 
