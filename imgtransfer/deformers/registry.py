@@ -21,6 +21,8 @@ BUILT_IN = {
     "anchordef": f"{_HERE}.anchordef:AnchorDef",
     "jointnet": f"{_HERE}.jointnet:JointNet",
     "motion_guided": f"{_HERE}.motion_guided:MotionGuided",
+    "pointnet": f"{_HERE}.vertex_network:PointNet",
+    "gcn": f"{_HERE}.vertex_network:GraphNetwork",
 }
 
 

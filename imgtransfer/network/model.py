@@ -76,12 +76,11 @@ class TransferModel(nn.Module):
         self.source = "the model"  # what messages call it
         self.mirrored_average = False  # whether predictions are means with those of the mirrored scene
         self.imager = TemplateImager.build(template, views=maps.views, size=maps.size, layers=maps.layers)
-        images = len(self.imager.cameras)
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
         views = tuple(camera.name for camera in self.imager.cameras if camera.layer == 0)
         self.maps, self.network, self.box = maps.model_copy(update={"views": views}), network, box
         made = networks or tuple(
-            build_transfer_net(network, maps.size, images, architecture) for _ in range(2)
+            build_transfer_net(network, maps.size, len(self.imager.cameras), architecture) for _ in range(2)
         )
         self.position_net, self.normal_net = made
         self.head: KernelHead | None = None  # until it is fitted or read

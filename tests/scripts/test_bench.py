@@ -21,11 +21,13 @@ from scripts.bench import (
     simulation,
     store,
     training,
+    trunk,
 )
 from scripts.bench.measuring import Results, Timings, interleaved
 from tests.helpers.paths import ROOT
 
 KEYS = {
+    "trunk": {"step_ms_cached", "step_ms_anew", "ratio_anew_to_cached", "ratio_anew_to_cached_frozen"},
     "render": {
         "operator_ms",
         "operator_batch_ms",
@@ -164,10 +166,11 @@ BENCHES = {
     "simulation": simulation,
     "store": store,
     "training": training,
+    "trunk": trunk,
 }
 
 
-SLOW = ("memory", "predict", "reading", "training")  # each starts processes that load everything anew
+SLOW = ("memory", "predict", "reading", "training", "trunk")  # they load much, or start processes that do
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,2 @@
+from .method import GraphNetwork as GraphNetwork
+from .method import PointNet as PointNet
