@@ -36,8 +36,8 @@ def test_the_same_training_as_without(kind: str, mirror: bool, source: Path, tmp
     for name, value in kept.items():
         torch.testing.assert_close(value, weights[name], rtol=0, atol=2e-3, msg=name)
     assert all(torch.equal(kept[name], value) for name, value in trained(again)[1].items())
-    assert cached._trunks is not None
-    assert 0 < cached._trunks.filled <= (1 + mirror) * len(cached.train_frames)
+    assert cached._image_losses._trunks is not None
+    assert 0 < cached._image_losses._trunks.filled <= (1 + mirror) * len(cached.train_frames)
 
 
 def test_a_frame_is_computed_once(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,9 +67,9 @@ def test_it_says_what_it_takes_and_leaves_no_file(
     # 6 frames, mirrored too, 2 networks, 2 views, 17 tokens of 32 features: 104 kB.
     rows = 2 * len(trainer.train_frames)
     assert f"makes of {rows} bodies takes 0.00 GB in {out} until the run ends" in caplog.text
-    assert trainer._trunks is not None
-    assert trainer._trunks.kept is not None
-    assert trainer._trunks.kept[0].shape == (rows, 2, 5, 32)
+    assert trainer._image_losses._trunks is not None
+    assert trainer._image_losses._trunks.kept is not None
+    assert trainer._image_losses._trunks.kept[0].shape == (rows, 2, 5, 32)
 
 
 def test_where_it_takes_too_much_bodies_are_computed_anew(
@@ -89,7 +89,7 @@ def test_where_it_takes_too_much_bodies_are_computed_anew(
     on_a_full_disk.cache_trunks(tmp_path)
     assert "there is no room ([Errno 28] No space left on device), and it is computed anew" in caplog.text
     for trainer in (small, on_a_full_disk):
-        assert trainer._trunks is not None
-        assert trainer._trunks.kept is None
+        assert trainer._image_losses._trunks is not None
+        assert trainer._image_losses._trunks.kept is None
         trainer.train_step()
     assert [path.name for path in tmp_path.iterdir()] == ["encoder"]
