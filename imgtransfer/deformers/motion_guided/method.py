@@ -44,9 +44,11 @@ class MotionGuided(Deformer):
         first = same_garment(clips)
         _check(clips)
         torch.manual_seed(folder.seed)
-        self.model = model = _begin(first, self.config)
-        chosen = model.seeds.numpy()
-        stages = Stages(self.config, model, [training_clip(clip, chosen) for clip in clips], folder.seed)
+        device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        self.model = model = _begin(first, self.config).to(device)
+        chosen = model.seeds.cpu().numpy()
+        read = [training_clip(clip, chosen, device) for clip in clips]
+        stages = Stages(self.config, model, read, folder.seed)
         descend(
             model.space,
             stages.static,
@@ -64,7 +66,7 @@ class MotionGuided(Deformer):
             learning_rate=stages.learning_rate,
             folder=folder,
         )
-        model.eval()
+        model.eval().cpu()  # a roll-out is one small frame after the other
 
     def predict(self, clip: Clip) -> np.ndarray:
         rollout, resampled = self.rollout(clip), self._other_rate(clip)

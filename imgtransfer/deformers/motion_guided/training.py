@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -39,11 +40,11 @@ class TrainingClip:
     surface: BodySdf
 
 
-def training_clip(clip: Clip, chosen: np.ndarray) -> TrainingClip:
+def training_clip(clip: Clip, chosen: np.ndarray, device: torch.device) -> TrainingClip:
     """Read a clip with the garment's motion and more than `HISTORY` frames.
 
     Args:
-        chosen: (J,) body vertices, the seed points.
+        chosen: (J,) body vertices, the seed points. device: where its tensors go.
     """
     assert clip.garment is not None
     body, truth = moving_body(clip, chosen), clip.garment.vertices
@@ -51,12 +52,12 @@ def training_clip(clip: Clip, chosen: np.ndarray) -> TrainingClip:
         body.before(frame, frame - 1, [truth[frame - 1], truth[frame - 2], truth[frame - 3]])
         for frame in range(HISTORY, clip.n_frames)
     ]
-    surface = BodySdf(clip.body.faces, len(clip.body.rest))
+    surface = BodySdf(clip.body.faces, len(clip.body.rest), device=device)
     surface.update(clip.body.rest)
     names = ("points", "velocity", "acceleration", "own_points", "seeds")
     before = Before(*(torch.cat([getattr(one, name) for one in told]) for name in names))
     garment = torch.from_numpy(body.frames.to_canonical(truth))
-    return TrainingClip(body, at_rest(clip, chosen), garment, before, surface)
+    return _placed(TrainingClip(body, at_rest(clip, chosen), garment, before, surface), device)
 
 
 class Stages:
@@ -74,9 +75,9 @@ class Stages:
         seed: int,
     ) -> None:
         self._config, self._model, self._clips, self._seed = config, model, clips, seed
-        faces = model.faces.numpy()
+        faces = model.faces.cpu().numpy()
         self._laplacian = graph_laplacian(faces, len(model.maps.uvs))
-        self._edges = torch.from_numpy(edges_of(faces))
+        self._edges = torch.from_numpy(edges_of(faces)).to(model.faces.device)
 
     def learning_rate(self, step: int) -> float:
         """Halved every `halve_steps`."""
@@ -138,4 +139,14 @@ class Stages:
         clip = self._clips[generator.choice(len(counts), p=counts / counts.sum())]
         available = len(clip.garment) - first
         frames = generator.permutation(available)[: self._config.batch_frames] + first
-        return clip, torch.from_numpy(np.sort(frames))
+        return clip, torch.from_numpy(np.sort(frames)).to(clip.garment.device)
+
+
+def _placed(value: Any, device: torch.device) -> Any:
+    """A tensor on a device, or a dataclass with all its tensors there."""
+    if isinstance(value, Tensor):
+        return value.to(device)
+    if not is_dataclass(value) or isinstance(value, type):
+        return value
+    parts = {field.name: _placed(getattr(value, field.name), device) for field in fields(value)}
+    return replace(value, **parts)
