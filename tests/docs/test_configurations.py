@@ -59,7 +59,9 @@ def takes(schema: type[BaseModel], content: dict[str, Any]) -> bool:
                 return False
         else:
             try:
-                TypeAdapter(Annotated[field.annotation, *field.metadata, field]).validate_python(value)
+                # Without the field itself, whose discriminator of sections no plain value has.
+                plain = Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
+                TypeAdapter(plain).validate_python(value)
             except ValueError:
                 return False
     return True
