@@ -17,6 +17,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="scripts/demo", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
     parser.add_argument(
+        "--garment",
+        choices=("tshirt", "dress", "trousers", "skirt"),
+        default="tshirt",
+        help="which garment of the sample data (default: %(default)s)",
+    )
+    parser.add_argument(
         "--steps", type=int, help="train for so many steps; default those of the configuration"
     )
     parser.add_argument("--minutes", type=float, help="train for about so many minutes")
@@ -28,14 +34,17 @@ def main() -> int:
 
 def _demo(args: argparse.Namespace) -> None:
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
-    from imgtransfer.demo.run import CHECKPOINT, DEMO_CONFIG, SAMPLE_DATA, run_demo  # noqa: PLC0415
+    from imgtransfer.demo.run import CHECKPOINT, DEMO_CONFIG, GENERAL, SAMPLE_DATA, run_demo  # noqa: PLC0415
     from imgtransfer.demo.training import Length  # noqa: PLC0415
     from imgtransfer.evaluation.table import metrics_table  # noqa: PLC0415
     from imgtransfer.training.config import RunConfig  # noqa: PLC0415
 
-    config = load_config(RunConfig, DEMO_CONFIG, [f"data.source={json.dumps(str(SAMPLE_DATA))}"])
+    config = load_config(
+        RunConfig, DEMO_CONFIG, [f"data.source={json.dumps(str(SAMPLE_DATA[args.garment]))}"]
+    )
     out: Path = args.out
-    metrics = run_demo(out, config, CHECKPOINT, Length(steps=args.steps, minutes=args.minutes))
+    checkpoint = CHECKPOINT if args.garment == "tshirt" else GENERAL
+    metrics = run_demo(out, config, checkpoint, Length(steps=args.steps, minutes=args.minutes))
     print(f"\n{metrics_table(metrics, first='method')}\n")
     animations, pictures = sorted(out.glob("*.glb")), sorted(out.glob("*.png"))
     files = [out / name for name in ("report.html", "metrics.json", "metrics_by_clip.json")]

@@ -35,9 +35,13 @@ from render.threads import one_blas_thread
 _log = logging.getLogger(__name__)
 
 PROJECT = Path(__file__).resolve().parents[2]
-SAMPLE_DATA = PROJECT / "configs" / "sample_data" / "tshirt.zarr.zip"
+SAMPLE_DATA = {
+    garment: PROJECT / "configs" / "sample_data" / f"{garment}.zarr.zip"
+    for garment in ("tshirt", "dress", "trousers", "skirt")
+}
 DEMO_CONFIG = PROJECT / "configs" / "demo.yaml"
-CHECKPOINT = PROJECT / "configs" / "pretrained" / "model.safetensors"
+CHECKPOINT = PROJECT / "configs" / "pretrained" / "model.safetensors"  # of the T-shirt alone
+GENERAL = PROJECT / "configs" / "general" / "model.safetensors"  # of any garment
 
 
 @one_blas_thread()
@@ -47,7 +51,7 @@ def run_demo(out: Path, config: RunConfig, pretrained: Path, length: Length | No
     Args:
         out: folder for everything; a training that was stopped there goes on, a finished one is used again.
         config: of the training; its data source also gives the test clips.
-        pretrained: a checkpoint for the same garment.
+        pretrained: a checkpoint for the same garment, or for any.
         length: of the training, in place of the configuration's.
 
     Returns:
@@ -118,7 +122,7 @@ def _page(out: Path, cases: Sequence[Case], overall: Metrics, finished: bool) ->
         Section("Maps", "True maps, predicted maps, and the distance between them.", maps),
         Section("Training", training, curves),
     ]
-    return write_report(out, "imgtransfer: a T-shirt deformed without skinning", overall, sections)
+    return write_report(out, "imgtransfer: a garment deformed without skinning", overall, sections)
 
 
 @contextmanager

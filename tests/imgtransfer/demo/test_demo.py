@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from imgtransfer.config.loader import load_config, parse_config
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.demo.__main__ import main
 from imgtransfer.demo.case import METHODS
-from imgtransfer.demo.run import CHECKPOINT, DEMO_CONFIG, SAMPLE_DATA, run_demo
+from imgtransfer.demo.run import CHECKPOINT, DEMO_CONFIG, GENERAL, SAMPLE_DATA, run_demo
 from imgtransfer.demo.training import Length, trained
 from imgtransfer.evaluation.metrics import METRICS, evaluate_clip
 from imgtransfer.pipeline.deform import deform
@@ -175,10 +176,28 @@ def test_a_missing_checkpoint_is_said_before_any_training(config: RunConfig, tmp
 def test_the_checkpoint_that_comes_with_the_project_is_the_demos_network_for_the_sample_shirt() -> None:
     config, model = load_config(RunConfig, DEMO_CONFIG), load_model(CHECKPOINT)
     assert (model.network, model.maps) == (config.network, config.maps)
-    data = DataSet.open(SAMPLE_DATA)
+    data = DataSet.open(SAMPLE_DATA["tshirt"])
     for name in data.names():
         model.check_garment(data.read(name))
     assert CHECKPOINT.stat().st_size < 15e6
+
+
+def test_the_general_checkpoint_is_that_of_its_recipe() -> None:
+    config, model = load_config(RunConfig, DEMO_CONFIG.with_name("general.yaml")), load_model(GENERAL)
+    assert model.general
+    assert (model.network, model.asked) == (config.network, config.maps)
+    assert model.mirrored_average == config.training.mirror
+    assert GENERAL.stat().st_size < 15e6
+
+
+@pytest.mark.parametrize("garment", sorted(SAMPLE_DATA))
+def test_the_general_checkpoint_dresses_every_garment_of_the_sample_data(garment: str) -> None:
+    data = DataSet.open(SAMPLE_DATA[garment])
+    clip = data.read(data.names("test")[0]).slice(slice(20, 22))
+    prediction = load_model(GENERAL).predict(clip)
+    covered = prediction.imager.mask
+    true = prediction.imager.operator(torch.from_numpy(prediction.frames.to_canonical(clip.garment.vertices)))
+    assert (prediction.metres() - true)[:, covered].norm(dim=-1).mean() < 0.06
 
 
 def test_an_output_folder_that_is_a_file_is_one_line(

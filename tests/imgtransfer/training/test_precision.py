@@ -106,7 +106,7 @@ def test_the_workload_is_the_runs_own_within_what_a_cpu_does_in_a_moment() -> No
     assert of_paper.for_a_cpu() == Workload(images=1, rows=8, columns=8, dim=256)
 
 
-@pytest.mark.parametrize("name", ["demo", "external", "pretrain", "paper"])
+@pytest.mark.parametrize("name", ["demo", "external", "general", "pretrain", "paper"])
 def test_shipped_configurations_leave_the_number_type_to_the_machine(name: str) -> None:
     assert load_config(RunConfig, ROOT / "configs" / f"{name}.yaml").training.precision == "auto"
 
