@@ -104,8 +104,9 @@ class _Printer:
 
 
 def _is_section(entry: FieldInfo, value: Any) -> bool:
-    """Whether a key's value is a mapping of its own keys; one that is required is, too."""
-    return isinstance(value, BaseModel) or (value is PydanticUndefined and any(models_of(entry.annotation)))
+    """Whether a key's value is a mapping of its own keys; one that is required is, too, but not a list of them."""
+    required = value is PydanticUndefined and any(models_of(entry.annotation))
+    return isinstance(value, BaseModel) or (required and get_origin(entry.annotation) is not tuple)
 
 
 def _comment(text: str) -> Iterator[str]:

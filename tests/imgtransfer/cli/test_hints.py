@@ -24,6 +24,10 @@ MESHES = ("import", "render", "fuse", "simulate")
 COMMANDS = {
     "imgtransfer/config": ("simulate", "train", "fuse", "config"),
     "imgtransfer/training": ("train",),
+    "imgtransfer/benchmark": ("benchmark",),
+    "imgtransfer/deformers": ("train",),
+    "imgtransfer/deformers/base.py": ("predict",),
+    "imgtransfer/deformers/predict.py": ("predict",),
     "imgtransfer/running": ("simulate", "predict", "fuse", "inspect"),
     "imgtransfer/report/glb.py": ("export",),
     "imgtransfer/pipeline/fuse.py": ("fuse",),

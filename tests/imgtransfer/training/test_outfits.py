@@ -231,9 +231,9 @@ def test_a_head_is_fitted_to_what_a_trained_model_leaves(source: Path, general: 
     for part in ("position_net", "normal_net"):  # a model that says something else than the first guess
         tensors[f"model.{part}.to_patch.weight"].normal_(std=0.05)
     write_tensors(tmp_path / "general.safetensors", tensors, header)
-    content = local_config(
-        source, init=str(tmp_path / "general.safetensors"), steps=0, mirror=True
-    ).model_dump(mode="json", exclude_unset=True)
+    config = local_config(source, init=str(tmp_path / "general.safetensors"), mirror=True)
+    content = config.model_dump(mode="json", exclude_unset=True)
+    content["training"]["steps"] = 0
     content["network"] = LOCAL | {"head": {"kind": "kernel", "patches": 3, "ridge": 1e-6}}
     config = parse_config(RunConfig, content, "run")
     trainer = Trainer(config)

@@ -7,7 +7,6 @@ import os
 import signal
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from safetensors.torch import load_file
 from imgtransfer.cli.main import main
 from imgtransfer.config.loader import load_config, parse_config, to_yaml
 from imgtransfer.data.clip import Clip
-from imgtransfer.network import NetworkConfig, TransferModel, masked_l1
+from imgtransfer.network import TransferModel, masked_l1
 from imgtransfer.network.encoder_config import HubEncoderConfig
 from imgtransfer.network.maps import metric_maps
 from imgtransfer.training.checkpoint import load_model, save_model
@@ -28,9 +27,8 @@ from imgtransfer.training.order import Order
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.trainer import Trainer
 from render import InputError
-from tests.helpers.models import LOCAL
 from tests.helpers.paths import ROOT
-from tests.helpers.training import SMALL, small_config
+from tests.helpers.training import small_config
 
 CONFIGS = ROOT / "configs"
 
@@ -348,14 +346,11 @@ def mirrored_losses(trainer: Trainer, index: torch.Tensor) -> tuple[torch.Tensor
     )
 
 
-@pytest.mark.parametrize("network", [SMALL["network"], LOCAL], ids=["images", "local"])
 @pytest.mark.parametrize("coins", [[True, True, True], [True, False, True]])
 def test_the_loss_of_a_mixed_batch_is_the_mean_of_its_frames(
-    source: Path, coins: list[bool], network: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    source: Path, coins: list[bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = small_config(source, batch_frames=3)
-    config = config.model_copy(update={"network": NetworkConfig.model_validate(network)})
-    trainer = Trainer(config)
+    trainer = Trainer(small_config(source, batch_frames=3))
     trainer.train_step()  # residual networks start with 0
     model, frames = trainer.model, trainer.order.frames(1)
     losses = []
