@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
 import torch
 from torch import nn
 
@@ -21,7 +20,8 @@ def checkpoint(folder: Path, kind: str = "vit", **changes: object) -> Path:
 
 
 def random_model(kind: str, **changes: object) -> Any:
-    transformers = pytest.importorskip("transformers")
+    import transformers  # noqa: PLC0415  (seconds, which only its tests need wait for)
+
     torch.manual_seed(0)
     vit: dict[str, object] = {
         "hidden_size": 32,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from huggingface_hub import constants
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
@@ -106,9 +107,8 @@ def test_a_folder_without_a_configuration(tmp_path: Path) -> None:
 
 
 def test_offline_and_never_fetched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    hub = pytest.importorskip("huggingface_hub")
-    monkeypatch.setattr(hub.constants, "HF_HUB_OFFLINE", True)
-    monkeypatch.setattr(hub.constants, "HF_HUB_CACHE", str(tmp_path))
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", True)
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path))
     with pytest.raises(InputError) as refused:
         build_hub_encoder(HubEncoderConfig(), (256, 256))
     said = str(refused.value)
@@ -121,9 +121,8 @@ def test_offline_and_never_fetched(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_what_was_fetched_is_read_offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    hub = pytest.importorskip("huggingface_hub")
-    monkeypatch.setattr(hub.constants, "HF_HUB_OFFLINE", True)
-    monkeypatch.setattr(hub.constants, "HF_HUB_CACHE", str(tmp_path))
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", True)
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path))
     place = tmp_path / "models--some--encoder"
     (place / "refs").mkdir(parents=True)
     (place / "refs" / "main").write_text("1" * 40)
