@@ -29,7 +29,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         type=Path,
         metavar="MODEL",
         help="begin with the weights of a trained model, a run's folder or its model.safetensors, in place of "
-        "training.init; maps and network must be the same, and the garment, unless the model was trained on several",
+        "training.init; maps and network (but for its head) must be the same, and the garment, unless the model was "
+        "trained on several",
     )
     parser.add_argument("--out", type=Path, help="folder of the run (default: runs/NAME of the YAML file)")
     parser.add_argument(

@@ -33,7 +33,7 @@ OFFSET_M, STEP_M = 0.05, 0.1
 
 @dataclass(frozen=True)
 class TemplateView:
-    """What the network is told of a garment that does not move; the leading axis is 1, or B where frames differ.
+    """What the network is told of a garment that does not move.
 
     Args:
         images: (1, S, 10, H, W) float32: the template relative to the centre of its patch (3, in `STEP_M`), relative to
@@ -94,12 +94,10 @@ class LocalView:
         """The body (..., V, 3), metres, in any frame -> means over the fields of its image, (..., J, 3)."""
         return self._body(vertices)
 
-    def template(self, shape: Tensor | None = None) -> TemplateView:
-        """What is told of the garment, in shapes (B,); the first shape's if None."""
+    def template(self) -> TemplateView:
+        """What is told of the garment, in the first shape."""
         amounts = (self._amounts * self._covered[..., None])[None].unflatten(2, self._grid)
-        return TemplateView(
-            chosen(self._images, shape), amounts, self._covered[None].unflatten(2, self._grid)
-        )
+        return TemplateView(self._images[:1], amounts, self._covered[None].unflatten(2, self._grid))
 
     def __call__(self, samples: Tensor, guess: Guess, up: Tensor, shape: Tensor | None = None) -> Tensor:
         """How the body around each patch has moved against the patch's own frame.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 
+from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyImager
 from imgtransfer.network.mirror import Garment, Mirror
 from imgtransfer.network.model import TransferModel
@@ -22,7 +23,7 @@ class Outfit:
         imager: of the outfit's bodies.
         garment: the template as the networks see it.
         mirror: of the outfit; None where the run does not mirror.
-        shown: `garment`, and after it the mirrored one where the run mirrors.
+        shown: of networks that see images, `garment`, and after it the mirrored one where the run mirrors.
     """
 
     model: TransferModel
@@ -43,7 +44,8 @@ class Outfit:
         imager = worn.body_imager(*shapes)
         garment = worn.seen(imager)
         mirror = Mirror(worn.imager, worn.mask, imager.mask, worn.box) if mirrored else None
-        return cls(worn, imager, garment, mirror, garment if mirror is None else mirror.both(garment))
+        both = mirror is not None and not isinstance(garment, TemplateView)
+        return cls(worn, imager, garment, mirror, mirror.both(garment) if mirror and both else garment)
 
 
 class Outfits:

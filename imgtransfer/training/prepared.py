@@ -6,7 +6,6 @@ system keeps in memory what fits.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 import shutil
@@ -166,14 +165,6 @@ def remove_prepared(folder: Path) -> None:
     """Remove the file of a training that has ended."""
     for name in (MARK_FILE, PREPARED_FILE):
         (folder / name).unlink(missing_ok=True)
-
-
-def mark_of(texts: list[str], arrays: list[np.ndarray]) -> str:
-    """SHA-256 of what prepared frames hang on."""
-    digest = hashlib.sha256()
-    for part in (*(text.encode() for text in texts), *(array.tobytes() for array in arrays)):
-        digest.update(len(part).to_bytes(8, "little") + part)
-    return digest.hexdigest()
 
 
 def _is_there(folder: Path, mark: str) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,10 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import clip_refs
 from imgtransfer.network import TransferModel
 from imgtransfer.network.shapes import same_faces
+from imgtransfer.running.fingerprint import fingerprint
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import ClipChoice, RunConfig
 from imgtransfer.training.precision import Precision, Workload, bfloat16_ratio, choose_precision
-from imgtransfer.training.prepared import mark_of
 from imgtransfer.training.processes import Processes
 from imgtransfer.training.sampler import Frames
 from render import InputError, Mesh, Option, PositionBox
@@ -145,6 +144,5 @@ def agreed_precision(config: RunConfig, processes: Processes) -> Precision:
 def preparation_mark(config: RunConfig, frames: Frames, head: Tensor | None) -> str:
     """A text that changes with what prepared frames hang on (`PatchLosses.prepare`); `head` are its weights."""
     texts = [part.model_dump_json() for part in (config.data, config.maps, config.network)]
-    meshes = [clip.template.vertices for clip in chain(*frames.outfits)]
-    weights = [] if head is None else [head.cpu().numpy()]
-    return mark_of(texts, [frames.clip_starts, *meshes, *weights])
+    weights = [] if head is None else [head.cpu().numpy().tobytes()]
+    return fingerprint([*texts, frames.mark, *weights])

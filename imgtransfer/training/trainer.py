@@ -142,8 +142,8 @@ class Trainer:
         """One optimisation step of both networks, on the next frames of all processes.
 
         Returns:
-            What the log says about it: position_loss and normal_loss (masked L1 of encoded images, equation 3), and the
-            learning_rate.
+            What the log says about it: position_loss and normal_loss (masked L1, equation 3: of encoded images, or of
+            residuals of prepared patches), and the learning_rate.
 
         Raises:
             InputError: damaged data.
