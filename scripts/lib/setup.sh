@@ -55,6 +55,12 @@ osmesa_library() {
   system_packages "rendering with OSMesa" libosmesa6 || true
 }
 
+# Chromium, in which tests open the pages that are written.
+browser() {
+  command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null ||
+    system_packages "opening pages in tests" chromium
+}
+
 setup() {
   local extras=$1 root stamp want python
   root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
