@@ -11,8 +11,6 @@ from imgtransfer.cli.options import add_clip_choice, at_least_one, chosen_refs
 from render import InputError
 
 if TYPE_CHECKING:
-    from imgtransfer.data.mesh_output import MeshKind
-    from imgtransfer.data.reader import Reader
     from imgtransfer.data.source import ClipRef
 
 _TOGETHER = 32  # frames that are read together
@@ -22,13 +20,16 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """Add the command's arguments."""
     parser = subparsers.add_parser(
         "export",
-        help="write a clip as npz, animated GLB, OBJ or PLY files, or a data set as one zip file",
+        help="write a clip as GLB, USD, Alembic, point caches, OBJ or PLY files or npz, or a data set as one zip file",
         description="Vertex order never changes: a garment imported with --weld comes out as its own file had it, with "
-        "its texture coordinates and materials. The ending of --out chooses the form; a folder gets garment and body "
+        "its texture coordinates and materials. The ending of --out chooses the form: .glb; .usd, .usdc, .usda, .usdz "
+        "(extra `usd`); .abc (extra `alembic`); .pc2 and .mdd, each with the mesh that it moves as OBJ beside it, and "
+        "the body's as NAME_body; .npz. A folder gets garment and body "
         "in every frame and in the rest pose, as `import meshes` reads them; a .zip gets every clip that is chosen, as "
-        "a data set in one file, which all commands read where it lies.",
+        "a data set in one file, which all commands read where it lies. Every frame is written if --step does not say "
+        "otherwise; the first is frame 0. Metres, y up.",
         examples=(
-            "imgtransfer export configs/sample_data/tshirt.zarr.zip --clip tshirt/walk_s104 --out walk.glb",
+            "imgtransfer export configs/sample_data/tshirt.zarr.zip --clip tshirt/walk_s104 --out walk.usd",
             "imgtransfer export my_data.zarr --out my_data.zarr.zip",
         ),
     )
@@ -38,7 +39,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--out",
         required=True,
         type=Path,
-        help="FILE.npz, FILE.glb, DATA.zarr.zip, or a folder for one file a frame",
+        help="FILE.glb, FILE.usd and so on, DATA.zarr.zip, or a folder for one file a frame",
     )
     parser.add_argument(
         "--frames-as",
@@ -54,36 +55,31 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def run(args: argparse.Namespace) -> None:
-    """Export one clip."""
-    from imgtransfer.data.choice import some  # noqa: PLC0415
-    from imgtransfer.data.clip import written_clip  # noqa: PLC0415
-    from imgtransfer.report.glb import animated_glb  # noqa: PLC0415
+    """Export one clip, or a data set as one file."""
+    from tqdm import tqdm  # noqa: PLC0415
 
-    kind = args.out.suffix.lower()
-    if kind not in ("", ".npz", ".glb", ".zip"):
-        raise InputError(
-            f"--out {args.out}: wanted is a name that ends in .npz or .glb, or .zip for every clip, or a folder"
-        )
-    if kind in (".npz", ".zip") and args.step is not None:
-        raise InputError(f"--step {args.step}: a {kind} holds every frame; --step goes with .glb and folders")
-    if kind and args.frames_as is not None:
-        raise InputError(f"--frames-as {args.frames_as}: goes with a folder, but --out is {args.out}")
-    refs = chosen_refs(args, args.source)
-    if kind == ".zip":
-        _pack(args, refs)
+    from imgtransfer.data.choice import some  # noqa: PLC0415
+    from imgtransfer.exports import check_target, written_animation  # noqa: PLC0415
+
+    if args.out.suffix.lower() == ".zip":
+        for option, value in (("step", args.step), ("frames-as", args.frames_as)):
+            if value is not None:
+                raise InputError(f"--{option} {value}: a .zip holds every frame of every clip that is chosen")
+        _pack(args, chosen_refs(args, args.source))
         return
+    check_target(args.out)
+    refs = chosen_refs(args, args.source)
     if len(refs) > 1:
         named = some([ref.name for ref in refs])
         raise InputError(f"{args.source}: export takes one clip; choose with --clip one of {named}")
     reader, step = refs[0].reader(), args.step or 1
-    if kind == ".npz":
-        with written_clip(args.out) as add:
-            for part in reader.parts(_TOGETHER):
-                add(part)
-    elif kind == ".glb":
-        animated_glb(args.out, reader.clip(), step=step)
-    else:
-        _write_frames(args.out, reader, args.frames_as or "obj", step)
+    with (
+        written_animation(args.out, n_frames=reader.n_frames, step=step, frames_as=args.frames_as) as add,
+        tqdm(total=reader.n_frames, desc=reader.name, unit="frame", delay=2, disable=None) as bar,
+    ):
+        for part in reader.parts(_TOGETHER):
+            add(part)
+            bar.update(part.n_frames)
     print(f"{args.out}  {reader.name}: {len(range(0, reader.n_frames, step))} of {reader.n_frames} frames")
 
 
@@ -98,29 +94,3 @@ def _pack(args: argparse.Namespace, refs: Sequence[ClipRef]) -> None:
     chosen = None if args.clip is None and args.split is None else [ref.name for ref in refs]
     packed = pack(DataSet.open(args.source), args.out, chosen)
     print(f"{args.out}  {len(packed)} clips, {args.out.stat().st_size / 1e6:.1f} MB")
-
-
-def _write_frames(folder: Path, reader: Reader, kind: MeshKind, step: int) -> None:
-    from imgtransfer.data.mesh_output import MeshFrames  # noqa: PLC0415
-    from render import Mesh  # noqa: PLC0415
-    from render.files.atomic import written_whole_folder  # noqa: PLC0415
-
-    if folder.exists():
-        raise InputError(f"--out {folder}: exists already; give the name of a new folder")
-    clip = reader.clip(0, 1)
-    # Named as `import meshes` and `simulate` look for them, rest pose included.
-    meshes = {"body": (Mesh(clip.body.rest, clip.body.faces), "body_rest")}
-    if clip.garment is not None:
-        meshes["garment"] = (clip.template_mesh, "template")
-    with written_whole_folder(folder) as temporary:
-        writers = {}
-        for name, (rest, still) in meshes.items():
-            writers[name] = MeshFrames(temporary, rest, kind, name=name, step=step)
-            writers[name].add_still(still)
-        done = 0
-        for part in reader.parts(_TOGETHER):
-            for name, writer in writers.items():
-                moved = part.body if name == "body" else part.garment
-                assert moved is not None  # as in the first frame
-                writer.add(moved.vertices[-done % step :: step])
-            done += part.n_frames

@@ -21,9 +21,8 @@ from imgtransfer.data.clip_parts import (
     flat_arrays,
     parts_of,
 )
-from imgtransfer.data.texture_files import store_textures
+from imgtransfer.data.texture_files import store_textures, writer_into
 from render import InputError, Mesh
-from render.files.atomic import written_whole
 from render.files.npz import Npz, open_npz
 from render.files.npz_writer import NpzWriter
 from render.files.textures import with_full_paths
@@ -277,9 +276,5 @@ def save_clip(path: str | Path, clip: Clip) -> Path:
 
 def stored_info(clip: Clip, folder: Path) -> dict[str, str]:
     """What is written of a clip's texts to a file in a folder, after its textures have been copied to there."""
-
-    def write(place: str, content: bytes) -> None:
-        with written_whole(folder / place) as temporary:
-            temporary.write_bytes(content)
-
+    write = writer_into(folder)
     return {key: store_textures(text, write) if key == "mtl" else text for key, text in clip.texts().items()}

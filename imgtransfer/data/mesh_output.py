@@ -11,10 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from imgtransfer.data.texture_files import bring_textures
+from imgtransfer.data.texture_files import bring_textures, store_textures, writer_into
 from render import InputError, Mesh
 from render.errors import one_line
-from render.files.atomic import written_whole_folder
+from render.files.atomic import written_whole, written_whole_folder
 from render.files.mtl import textures
 from render.mesh.mesh import check_finite
 from render.mesh.surface import Surface, plain_surface
@@ -109,11 +109,25 @@ def save_mesh_frames(
         frames.add(vertices)
 
 
+def save_obj(path: Path, mesh: Mesh) -> None:
+    """Write one mesh as OBJ, with its material library beside it (`<name>.mtl`) and its textures in textures/.
+
+    Vertices, triangles, texture coordinates and materials are those of the file that the mesh came from, in its order.
+    """
+    surface, library = mesh.surface or plain_surface(mesh.faces, len(mesh.vertices)), path.with_suffix(".mtl")
+    if surface.mtl:
+        mtl = store_textures(surface.mtl, writer_into(path.parent))
+        with written_whole(library) as temporary:
+            temporary.write_text(mtl)
+    with written_whole(path) as temporary:
+        temporary.write_bytes(_Obj(surface, library.name).to_bytes(surface.of_file(mesh.vertices)))
+
+
 class _Obj:
     """Writes a moving mesh as OBJ; all but the `v` lines is made once."""
 
-    def __init__(self, surface: Surface) -> None:
-        self.head = f"mtllib {LIBRARY}\n" if surface.mtl else ""
+    def __init__(self, surface: Surface, library: str = LIBRARY) -> None:
+        self.head = f"mtllib {library}\n" if surface.mtl else ""
         uvs = surface.uvs.tolist() if surface.uvs is not None else []
         lines = [f"vt {u:.8g} {v:.8g}\n" for u, v in uvs]
         corners = [[str(i) for i in face] for face in (surface.faces + 1).tolist()]

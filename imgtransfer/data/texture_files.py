@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from render.files.atomic import written_whole
 from render.files.textures import change_paths, is_image
 
 STORED = "textures"  # folder beside a clip npz, or in a data set
@@ -60,13 +61,29 @@ def store_textures(mtl: str, write: Callable[[str, bytes], object]) -> str:
 
     def stored(path: str) -> str | None:
         if path not in places and Path(path).is_absolute() and is_image(Path(path)):
-            content = Path(path).read_bytes()
-            mark = hashlib.sha256(content).hexdigest()[:16]
-            places[path] = f"{STORED}/{mark}/{re.sub(r'[^A-Za-z0-9_.-]+', '-', Path(path).name)}"
-            write(places[path], content)
+            places[path] = store_texture(Path(path), write)
         return places.get(path)
 
     return change_paths(mtl, stored)
+
+
+def store_texture(image: Path, write: Callable[[str, bytes], object]) -> str:
+    """Write one image to its place in a store, "textures/<mark>/<name>", which is returned; arguments as above."""
+    content = image.read_bytes()
+    mark = hashlib.sha256(content).hexdigest()[:16]
+    place = f"{STORED}/{mark}/{re.sub(r'[^A-Za-z0-9_.-]+', '-', image.name)}"
+    write(place, content)
+    return place
+
+
+def writer_into(folder: Path) -> Callable[[str, bytes], None]:
+    """What writes a place in a store that is a folder."""
+
+    def write(place: str, content: bytes) -> None:
+        with written_whole(folder / place) as temporary:
+            temporary.write_bytes(content)
+
+    return write
 
 
 def _free_name(name: str, taken: set[str]) -> str:

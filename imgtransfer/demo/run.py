@@ -23,7 +23,7 @@ from imgtransfer.evaluation.skinning import lbs_baseline
 from imgtransfer.network import TransferModel
 from imgtransfer.pipeline.deform import deform
 from imgtransfer.pipeline.folder import folder_of_clip
-from imgtransfer.report.glb import animated_glb
+from imgtransfer.exports import animated_glb
 from imgtransfer.report.html import Section, write_report
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import RunConfig

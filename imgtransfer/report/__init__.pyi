@@ -1,7 +1,6 @@
 from .data_page import write_data_page as write_data_page
 from .fusion_history import fusion_table as fusion_table
 from .fusion_history import history_picture as history_picture
-from .glb import animated_glb as animated_glb
 from .html import Picture as Picture
 from .html import Section as Section
 from .html import write_report as write_report

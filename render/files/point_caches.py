@@ -100,6 +100,16 @@ def open_cache(path: Path) -> PointCache:
         return _open_pc2(path, file, size, half=suffix == ".pc16")
 
 
+def pc2_header(points: int, samples: int, *, rate: float = 1.0) -> bytes:
+    """The header of a PC2 file; `rate` is the frames from one sample to the next."""
+    return np.array([(b"POINTCACHE2", 1, points, 0.0, rate, samples)], _PC2_HEADER).tobytes()
+
+
+def mdd_header(points: int, times: np.ndarray) -> bytes:
+    """The header of an MDD file with a frame at each of `times` (T,), in seconds."""
+    return np.array([len(times), points], ">i4").tobytes() + times.astype(">f4").tobytes()
+
+
 def _open_pc2(path: Path, file: IO[bytes], size: int, *, half: bool) -> PointCache:
     start = _PC2_HEADER.itemsize
     content = file.read(start)

@@ -29,7 +29,7 @@ COMMANDS = {
     "imgtransfer/deformers/base.py": ("predict",),
     "imgtransfer/deformers/predict.py": ("predict",),
     "imgtransfer/running": ("simulate", "predict", "fuse", "inspect"),
-    "imgtransfer/report/glb.py": ("export",),
+    "imgtransfer/exports": ("export",),
     "imgtransfer/pipeline/fuse.py": ("fuse",),
     "imgtransfer/pipeline/fuse_notes.py": ("fuse",),
     "imgtransfer/pipeline/fuse_summary.py": ("fuse",),

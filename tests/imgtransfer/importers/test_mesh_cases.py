@@ -8,7 +8,7 @@ import pytest
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.clip_parts import Body, Garment, Template
 from imgtransfer.data.mesh_output import save_mesh_frames
-from imgtransfer.report.glb import animated_glb
+from imgtransfer.exports.gltf import animated_glb
 from render import Mesh, load_mesh
 from tests.helpers.paths import ROOT
 

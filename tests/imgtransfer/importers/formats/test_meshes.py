@@ -384,7 +384,7 @@ def test_seams_in_texture_space_only_split_the_animation(tmp_path: Path) -> None
     mesh = load_mesh(path)
     save_mesh_frames(tmp_path / "out", mesh.vertices[None], mesh, "ply")
     assert_same_look(load_mesh(tmp_path / "out/frame_0000.ply").surface, mesh.surface)
-    from imgtransfer.report.glb_look import cut_at_seams  # noqa: PLC0415
+    from imgtransfer.exports.seams import cut_at_seams  # noqa: PLC0415
 
     assert mesh.surface is not None
     seamed = cut_at_seams(mesh.surface)
@@ -394,7 +394,7 @@ def test_seams_in_texture_space_only_split_the_animation(tmp_path: Path) -> None
 
 
 def test_textures_are_put_into_the_animation(tmp_path: Path) -> None:
-    from imgtransfer.report.glb import animated_glb  # noqa: PLC0415
+    from imgtransfer.exports.gltf import animated_glb  # noqa: PLC0415
 
     (tmp_path / "in").mkdir()
     cv2.imwrite(f"{tmp_path}/in/cloth.png", np.full((2, 3, 3), 200, np.uint8))

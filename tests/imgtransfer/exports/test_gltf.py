@@ -14,7 +14,7 @@ import trimesh
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.clip_parts import Garment, Skeleton
-from imgtransfer.report.glb import animated_glb
+from imgtransfer.exports import animated_glb, written_animation
 from render import InputError
 from tests.helpers.clips import with_arrays
 
@@ -49,7 +49,7 @@ def values(document: dict[str, Any], binary: bytes, accessor: int) -> np.ndarray
 
 
 def test_every_frame_comes_back_in_vertex_order(tmp_path: Path, tube_clip: Clip) -> None:
-    document, binary = parse(animated_glb(tmp_path / "tube.glb", tube_clip, step=1))
+    document, binary = parse(animated_glb(tmp_path / "tube.glb", tube_clip))
     wanted = {
         "body": (tube_clip.body.vertices, tube_clip.body.faces),
         "garment": (tube_clip.garment.vertices, tube_clip.template.faces),
@@ -71,7 +71,10 @@ def test_every_frame_comes_back_in_vertex_order(tmp_path: Path, tube_clip: Clip)
 
 
 def test_the_animation_shows_frame_k_at_time_k(tmp_path: Path, tube_clip: Clip) -> None:
-    document, binary = parse(animated_glb(tmp_path / "tube.glb", tube_clip, step=2))
+    path = tmp_path / "tube.glb"
+    with written_animation(path, n_frames=tube_clip.n_frames, step=2) as add:
+        add(tube_clip)
+    document, binary = parse(path)
     (animation,) = document["animations"]
     assert [channel["target"] for channel in animation["channels"]] == [
         {"node": 0, "path": "weights"},

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from imgtransfer.report.glb_look import cut_at_seams, material, mime_type
+from imgtransfer.exports.gltf import gltf_material
+from imgtransfer.exports.materials import IMAGES, material_of
+from imgtransfer.exports.seams import cut_at_seams
 from render.mesh.surface import Surface
 from render.pictures import write_png
 
@@ -83,22 +85,22 @@ newmtl plain
     ("re.", GREY),  # a name is no pattern
 ])  # fmt: skip
 def test_colours_of_materials(name, colour):
-    described, image = material(name, MTL, GREY)
-    assert image is None
+    found = material_of(name, MTL)
+    described = gltf_material(found, GREY)
+    assert found.image is None
     assert described["name"] == name
     assert described["pbrMetallicRoughness"]["baseColorFactor"] == pytest.approx(list(colour))
     assert described.get("alphaMode") == ("BLEND" if colour[3] < 1 else None)
 
 
 def test_transparency_is_opacitys_opposite():
-    assert material("glass", MTL, GREY)[0]["alphaMode"] == "BLEND"
+    assert gltf_material(material_of("glass", MTL), GREY)["alphaMode"] == "BLEND"
 
 
 @pytest.mark.parametrize("line", ["Kd", "Kd x y z", "Kd 1 two 3"])
 def test_colours_that_are_none_leave_the_default(line):
-    assert material("a", f"newmtl a\n{line}\n", GREY)[0]["pbrMetallicRoughness"]["baseColorFactor"] == list(
-        GREY
-    )
+    described = gltf_material(material_of("a", f"newmtl a\n{line}\n"), GREY)
+    assert described["pbrMetallicRoughness"]["baseColorFactor"] == list(GREY)
 
 
 @pytest.mark.parametrize(
@@ -109,9 +111,10 @@ def test_an_image_takes_the_place_of_the_colour(tmp_path, suffix, kind):
     picture = tmp_path / "cloth.png"
     write_png(picture, np.zeros((2, 2, 3), np.uint8))
     path = picture.rename(tmp_path / f"cloth.{suffix}")
-    described, image = material("a", f"newmtl a\nKd 1 0 0\nd 0.5\nmap_Kd {path}\n", GREY)
-    assert image == path
-    assert mime_type(path) == kind
+    found = material_of("a", f"newmtl a\nKd 1 0 0\nd 0.5\nmap_Kd {path}\n")
+    described = gltf_material(found, GREY)
+    assert found.image == path
+    assert IMAGES[path.suffix.lower()] == kind
     assert described["pbrMetallicRoughness"]["baseColorFactor"] == [1, 1, 1, 0.5]
 
 
@@ -120,6 +123,7 @@ def test_an_image_that_is_missing_or_none_leaves_the_colour(tmp_path, content):
     path = tmp_path / "cloth.png"
     if content is not None:
         path.write_bytes(content)
-    described, image = material("a", f"newmtl a\nKd 1 0 0\nmap_Kd {path}\n", GREY)
-    assert image is None
+    found = material_of("a", f"newmtl a\nKd 1 0 0\nmap_Kd {path}\n")
+    described = gltf_material(found, GREY)
+    assert found.image is None
     assert described["pbrMetallicRoughness"]["baseColorFactor"] == [1, 0, 0, 1]

@@ -1,0 +1,6 @@
+"""Clips in motion for other programs: glTF, USD, Alembic, point caches, and one mesh file a frame."""
+
+import lazy_loader
+
+# The surface stands in the stub beside this file; a name is loaded when it is first asked for.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
