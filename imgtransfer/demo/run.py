@@ -20,10 +20,10 @@ from imgtransfer.demo import pictures as demo_pictures
 from imgtransfer.demo.case import METHODS, PRETRAINED, TRAINED, Case, Metrics, measured
 from imgtransfer.demo.training import Length, trained
 from imgtransfer.evaluation.skinning import lbs_baseline
+from imgtransfer.exports import animated_glb
 from imgtransfer.network import TransferModel
 from imgtransfer.pipeline.deform import deform
 from imgtransfer.pipeline.folder import folder_of_clip
-from imgtransfer.exports import animated_glb
 from imgtransfer.report.html import Section, write_report
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import RunConfig

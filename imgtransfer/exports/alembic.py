@@ -1,8 +1,8 @@
 """A moving clip as an Alembic archive (Ogawa), through alembic3d: positions as samples, in metres, y up.
 
 Facts of the format: the library's own source (github.com/alembic/alembic, AbcGeom: OPolyMesh, OFaceSet); polygons are
-wound clockwise, seen from outside, as the exporters of Maya and Blender have it. Samples of the binding point to arrays that
-they do not keep alive, and schemas to objects: both stay in variables until they were written.
+wound clockwise, seen from outside, as the exporters of Maya and Blender have it. Samples of the binding point to arrays
+that they do not keep alive, and schemas to objects: both stay in variables until they were written.
 """
 
 from __future__ import annotations
@@ -33,25 +33,35 @@ def written_alembic(path: Path, *, step: int = 1) -> Iterator[Callable[[Clip], N
         path: ends in .abc. step: what the numbers of the frames in the clip count by.
     """
     with written_whole(path) as temporary:
-        archive = Abc.OArchive(str(temporary))
-        meshes: dict[str, Any] = {}
+        archive = _Archive(temporary, step)
+        yield archive.add
+        archive.close()
 
-        def add(part: Clip) -> None:
-            for thing in objects_of(part):
-                frames = thing.of_file(part)
-                if thing.name not in meshes:
-                    # A schema does not keep its object alive.
-                    meshes[thing.name] = AbcGeom.OPolyMesh(archive.getTop(), thing.name)
-                    _begin(meshes[thing.name].getSchema(), thing, frames[0], step / part.fps)
-                    frames = frames[1:]
-                for frame in frames:
-                    sample, positions = AbcGeom.OPolyMeshSchemaSample(), _vectors(frame)
-                    sample.setPositions(positions)
-                    meshes[thing.name].getSchema().set(sample)
 
-        yield add
-        meshes.clear()  # the file is complete when its objects are gone
-        del archive, add
+class _Archive:
+    """An archive that grows frame by frame."""
+
+    def __init__(self, file: Path, step: int) -> None:
+        self.archive, self.step = Abc.OArchive(str(file)), step
+        self.meshes: dict[str, Any] = {}
+
+    def add(self, part: Clip) -> None:
+        """Add the next frames."""
+        for thing in objects_of(part):
+            frames = thing.of_file(part)
+            if thing.name not in self.meshes:
+                self.meshes[thing.name] = AbcGeom.OPolyMesh(self.archive.getTop(), thing.name)
+                _begin(self.meshes[thing.name].getSchema(), thing, frames[0], self.step / part.fps)
+                frames = frames[1:]
+            for frame in frames:
+                sample, positions = AbcGeom.OPolyMeshSchemaSample(), _vectors(frame)
+                sample.setPositions(positions)
+                self.meshes[thing.name].getSchema().set(sample)
+
+    def close(self) -> None:
+        """Complete the file, which is so when its objects are gone."""
+        self.meshes.clear()
+        del self.archive
 
 
 def _begin(schema: Any, thing: MovingObject, frame: np.ndarray, seconds: float) -> None:

@@ -48,10 +48,10 @@ def material_of(name: str, mtl: str) -> Material:
 
 
 def parts_of(name: str, surface: Surface) -> list[tuple[Material, np.ndarray]]:
-    """Each material that has faces, and the numbers of its faces, (f,) int64; one of the object's own where there is none.
+    """Each material that has faces, and the numbers of its faces, (f,) int64.
 
     Args:
-        name: of the object.
+        name: of the object, and of its one material where the file names none.
     """
     if surface.face_materials is None:
         return [(Material(name, COLOURS[name][:3]), np.arange(len(surface.faces)))]

@@ -1,4 +1,4 @@
-"""Point caches with the mesh that they move beside them: `walk.pc2` with `walk.obj`, `walk_body.pc2` with `walk_body.obj`.
+"""Point caches, with the meshes that they move as OBJ beside: `walk.pc2` and `walk.obj`, `walk_body.pc2` and so on.
 
 The forms are described in `render.files.point_caches`, which reads them.
 """

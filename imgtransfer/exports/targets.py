@@ -13,18 +13,16 @@ CACHES = tuple(suffix for suffix in SUFFIXES if suffix != ".pc16")
 ENDINGS = (".npz", ".glb", *USD, ".abc", *CACHES)
 """Endings of single files; a name without one is a folder with a mesh file a frame."""
 
-_LIKELY = {".obj", ".ply", ".stl", ".fbx", ".gltf", ".mp4"}  # asked for, but written otherwise or not at all
-
 
 def check_target(path: Path) -> None:
     """Say before any work is done whether `written_animation` can write to `path`.
 
     Raises:
-        InputError: an ending that is not known, an extra that is not installed, a folder that is there already, or a folder
-            in place of a file.
+        InputError: an ending that is not known, an extra that is not installed, a folder that is there already, or a
+            folder in place of a file.
     """
     ending = path.suffix.lower()
-    if ending not in ENDINGS and (ending in _LIKELY or ending):
+    if ending and ending not in ENDINGS:
         raise InputError(
             f"{path}: no '{ending}' is written; wanted is a name that ends in {', '.join(ENDINGS)}, or a folder "
             "(a name without a dot) for one OBJ or PLY file a frame"

@@ -29,8 +29,8 @@ _ROOT = "/clip"
 def written_usd(path: Path, *, n_frames: int, step: int = 1) -> Iterator[Callable[[Clip], None]]:
     """Yield what takes the frames of a clip, some at a time; see `written_animation`.
 
-    Time codes are the clip's frame numbers, from 0, and the stage says how many of them a second has. Textures are copied
-    into textures/ beside the file, or into the .usdz.
+    Time codes are the clip's frame numbers, from 0, and the stage says how many of them a second has. Textures are
+    copied into textures/ beside the file, or into the .usdz.
 
     Args:
         path: ends in .usd or .usdc (binary), .usda (text) or .usdz (with its textures in one file).

@@ -22,8 +22,8 @@ def written_animation(
 ) -> Iterator[Add]:
     """Yield what takes the frames of a clip in order, some at a time; what is written appears whole, or not at all.
 
-    The first frame is frame 0, at 0 s. Vertices, triangles, texture coordinates and materials are those of the file that
-    the template came from, in its order; lengths are metres, y is up.
+    The first frame is frame 0, at 0 s. Vertices, triangles, texture coordinates and materials are those of the file
+    that the template came from, in its order; lengths are metres, y is up.
 
     Args:
         path: its ending chooses the form (`ENDINGS`); without one it is a folder with garment and body in every frame

@@ -178,7 +178,7 @@ def test_targets_that_cannot_be_written(name: str, message: str, tmp_path: Path)
 
 
 def test_options_of_other_forms_are_refused(tube_clip: Clip, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="a .npz holds every frame"):
+    with pytest.raises(InputError, match=r"a \.npz holds every frame"):
         write(tmp_path / "a.npz", tube_clip, step=2)
     with pytest.raises(InputError, match=r"goes with a folder, but .*a.glb is a .glb"):
         write(tmp_path / "a.glb", tube_clip, frames_as="ply")
