@@ -36,6 +36,7 @@ from imgtransfer.training.run_folder import CONFIG_FILE
 from render import InputError
 from render.files.atomic import written_whole
 
+MethodVariants = dict[str, dict[str, dict[str, float]]]  # by variant, metrics by clip
 RUN, PREDICTIONS, RESULT_FILE, TIME_FILE = "run", "predictions", "result.json", "time.json"
 
 
@@ -83,7 +84,7 @@ class MethodResult:
 
     data: str
     label: str
-    variants: dict[str, dict[str, dict[str, float]]]
+    variants: MethodVariants
     overall: dict[str, dict[str, float]]
     frames: dict[str, int]
     parameters: int | None = None
@@ -127,7 +128,7 @@ def measure(task: MethodTask) -> MethodResult:
             str(task.fuse),
         ]
     )
-    if (standing := _standing(task.folder / RESULT_FILE, made)) is not None:
+    if (standing := standing_result(task.folder / RESULT_FILE, made)) is not None:
         return standing
     deformer, spent = load_deformer(run), dict.fromkeys(("predict", "maps", "fuse"), 0.0)
     for clip in clips:
@@ -140,8 +141,7 @@ def measure(task: MethodTask) -> MethodResult:
         fit_seconds=seconds,
         ms={stage: 1e3 * value / total for stage, value in spent.items() if value},
     )
-    with written_whole(task.folder / RESULT_FILE) as temporary:
-        temporary.write_text(json.dumps({"made": made, "result": asdict(result)}, indent=1))
+    write_result(task.folder / RESULT_FILE, made, result)
     return result
 
 
@@ -214,7 +214,7 @@ def _check_given(task: MethodTask, clips: list[Clip]) -> None:
 
 
 def _measured(task: MethodTask, clips: list[Clip]) -> MethodResult:
-    variants: dict[str, dict[str, dict[str, float]]] = {}
+    variants: MethodVariants = {}
     frames = {clip.name: clip.n_frames for clip in clips}
     for clip in clips:
         assert clip.garment is not None
@@ -240,7 +240,13 @@ def _measured(task: MethodTask, clips: list[Clip]) -> MethodResult:
     return MethodResult(data=task.data.name, label=task.label, variants=whole, overall=overall, frames=frames)
 
 
-def _standing(path: Path, made: str) -> MethodResult | None:
+def write_result(path: Path, made: str, result: MethodResult) -> None:
+    """Write a result with the fingerprint of what it was made from."""
+    with written_whole(path) as temporary:
+        temporary.write_text(json.dumps({"made": made, "result": asdict(result)}, indent=1))
+
+
+def standing_result(path: Path, made: str) -> MethodResult | None:
     """The result in a file, where it is whole and has this fingerprint."""
     try:
         stored = json.loads(path.read_text())

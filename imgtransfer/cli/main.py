@@ -20,6 +20,7 @@ COMMANDS = (
     "fuse",
     "evaluate",
     "benchmark",
+    "ablate",
     "render",
     "inspect",
     "export",

@@ -19,14 +19,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import torch
 from tabulate import tabulate
 
 # This folder's own fusion.py and render.py must not hide the packages.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from fusion import FusionConfig, FusionInputs, MapReading, MovingSurface, fuse_maps
+from fusion import FusionConfig
+from imgtransfer.ablation.fusion_terms import TERMS, fused_with
 from imgtransfer.config.loader import load_config
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import Clip
@@ -36,14 +36,10 @@ from imgtransfer.pipeline.folder import MAPS_FILE, clip_of_folder, predicted_cli
 from render import InputError, MapFile, TemplateImager, load_maps
 
 SOLVERS = ("local_global", "adam")
-# By name: changes of the configuration, and what else `fuse_maps` is told.
-NO_STEPS = {"edge_iterations": 0, "edge_steps": 0, "normal_iterations": 0, "normal_steps": 0}
-ROWS: dict[str, tuple[dict[str, float], dict[str, bool]]] = {
-    "initialisation": (dict(NO_STEPS), {"positions_only": True}),
-    "+ edge lengths": ({}, {"positions_only": True}),
-    "+ rendered normals": ({"weight_consistency": 0.0}, {}),
-    "full": ({}, {"body": True}),
-}
+_SHOWN = {
+    "edge lengths": "+ edge lengths",
+    "rendered normals": "+ rendered normals",
+}  # added to the line before
 COLUMNS = {
     "rmse_mm": "RMSE (mm)",
     "hausdorff_mm": "Hausdorff (mm)",
@@ -53,16 +49,6 @@ COLUMNS = {
     "penetration_percent": "inside body (%)",
     "crossing_percent": "crossing body (%)",
 }
-
-
-def fused(maps: MapFile, truth: Clip, config: FusionConfig, told: Mapping[str, bool]) -> np.ndarray:
-    """The garment in the world, (T, N, 3) metres."""
-    frames = RootFrames(maps.rotation, maps.translation)
-    body = None
-    if told.get("body"):
-        body = MovingSurface(frames.to_canonical(truth.body.vertices), truth.body.faces)
-    reading = MapReading(positions_only=told.get("positions_only", False))
-    return frames.to_world(fuse_maps(maps, FusionInputs(body=body), config, reading=reading).vertices)
 
 
 def with_true_normals(maps: MapFile, truth: Clip) -> MapFile:
@@ -91,19 +77,19 @@ def measure(
     found: dict[str, dict[str, dict[str, float]]] = {}
     for solver in SOLVERS:
         found[solver] = {}
-        for row, (changes, told) in ROWS.items():
-            settings = FusionConfig.model_validate(given | {"solver": solver} | changes)
+        settings = FusionConfig.model_validate(given | {"solver": solver})
+        for row in TERMS:
             values = []
             for name, maps in predicted.items():
                 clip = truths[name]
                 assert clip.garment is not None
-                vertices = fused(maps, clip, settings, told)
+                vertices = fused_with(maps, clip, row, settings)
                 metrics = evaluate_clip(
                     vertices, clip.garment.vertices, clip.template.faces, clip.body.vertices, clip.body.faces
                 )
                 values.append((metrics, clip.n_frames))
             overall = mean_over_frames(values)
-            found[solver][row] = {key: float(overall[key]) for key in COLUMNS}
+            found[solver][_SHOWN.get(row, row)] = {key: float(overall[key]) for key in COLUMNS}
     return found
 
 
