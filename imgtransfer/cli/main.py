@@ -14,6 +14,7 @@ from imgtransfer.running.waiting import wait_passively
 # One module a command. Each has `add_parser(subparsers) -> ArgumentParser` and `run(args) -> None`, and
 # imports what is heavy inside `run`, so that `--help` is instant.
 COMMANDS = (
+    "dress",
     "simulate",
     "train",
     "predict",

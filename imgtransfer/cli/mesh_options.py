@@ -15,6 +15,7 @@ OF_AXES = ("up", "facing", "unit", "scale")  # as `add_axes` calls them
 OBJECTS = ("garment_object", "body_object")  # as `add_objects` calls them
 OF_GARMENT_AXES = ("garment_up", "garment_facing", "garment_unit")
 OF_MOTION_AXES = ("motion_up", "motion_facing", "motion_unit")
+OF_SEQUENCES = ("body_rest", "fps", "body_object", *OF_MOTION_AXES)  # of the body's own meshes in motion
 
 
 def add_axes(group: argparse._ArgumentGroup) -> None:

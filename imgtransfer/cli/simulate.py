@@ -6,13 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imgtransfer.cli.mesh_options import (
-    OF_MOTION_AXES,
-    add_axes,
-    add_objects,
-    chosen_axes,
-    chosen_motion_axes,
-)
+from imgtransfer.cli.mesh_options import OF_AXES, OF_SEQUENCES, add_axes, add_objects, chosen_axes
 from imgtransfer.cli.options import (
     add_changes,
     add_clip_names,
@@ -26,23 +20,19 @@ from render import InputError
 from render.options import Option, options_named
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
-    from imgtransfer.importers.checks.axes import Axes
     from imgtransfer.simulation.config import SimulateConfig
-    from imgtransfer.simulation.motion_config import FileMotions
 
 _OF_GARMENT = (
     *("garment", "pinned", "anyway", "garment_up", "garment_facing", "garment_unit", "garment_object"),
 )
-_OF_AXES = ("up", "facing", "unit", "scale")
 _OF_TEMPLATE = ("weld", "pinned", "anyway")  # keys of a garment's own mesh that are options, too
 _OF_BODY = {"smpl": "path", "gender": "gender"}  # what importers call a SMPL body's settings
-_OF_SEQUENCES = ("body_rest", "fps", "body_object", *OF_MOTION_AXES)
 _DECIDED = {  # by options, in place of the configuration
     "template": ("garment", "garments"),
     "unit": ("sequences.unit", "sequences.scale"),
     "scale": ("sequences.unit", "sequences.scale"),
     "joints": ("files.joints",),
-    **{name: (f"sequences.{name}",) for name in ("up", "facing", "weld", *_OF_SEQUENCES)},
+    **{name: (f"sequences.{name}",) for name in ("up", "facing", "weld", *OF_SEQUENCES)},
 }
 
 
@@ -175,53 +165,26 @@ def _with_meshes(args: argparse.Namespace, config: SimulateConfig) -> SimulateCo
     Raises:
         InputError: values that make no sense, or files that are not there.
     """
-    from imgtransfer.garments.config import TemplateConfig  # noqa: PLC0415
-    from imgtransfer.simulation.motion_config import SequenceFiles  # noqa: PLC0415
+    from imgtransfer.cli.mesh_settings import (  # noqa: PLC0415
+        garment_settings,
+        with_joints,
+        with_sequence_options,
+    )
 
     _check_values(args)
     axes, of_garment = chosen_axes(args)
     of_garment = of_garment or axes
     changes: dict[str, Any] = {}
     if args.joints is not None:
-        changes["files"] = _with_joints(config.files, args.joints)
-    chosen_motion_axes(args)  # names the option of what is no axis
-    given = {name: getattr(args, name) for name in (*_OF_SEQUENCES, "weld") if getattr(args, name)}
-    if any(getattr(args, name) for name in _OF_AXES):
-        given |= {name: getattr(axes, name) for name in _said(axes)}
-    if given:
-        kept = config.sequences.model_dump(exclude_unset=True)
-        if "scale" in given:
-            kept.pop("unit", None)
-        changes["sequences"] = SequenceFiles(**kept | given)
+        changes["files"] = with_joints(config.files, args.joints)
+    if (sequences := with_sequence_options(config.sequences, args, axes)) is not None:
+        changes["sequences"] = sequences
     if args.template is not None:
-        garment = TemplateConfig(
-            path=args.template,
-            **{name: getattr(of_garment, name) for name in _said(of_garment)},
-            object=args.garment_object,
-            weld=args.weld,
-            pinned=args.pinned,
-            anyway=args.anyway,
-            name=args.garment,
-        )
+        garment = garment_settings(args.template, args, of_garment, name=args.garment)
         # Whatever garments a clip was meant for, this is the only one now.
         clips = tuple(clips.model_copy(update={"garments": ()}) for clips in config.clips)
         changes |= {"garment": garment, "garments": (), "clips": clips}
     return config.model_copy(update=changes)
-
-
-def _with_joints(files: FileMotions, path: Path) -> FileMotions:
-    """The configuration's settings of motion files, with the joints that a YAML file names."""
-    from imgtransfer.config.loader import parse_config, read_yaml  # noqa: PLC0415
-    from imgtransfer.simulation.motion_config import FileMotions  # noqa: PLC0415
-
-    content = read_yaml(path, "a YAML file of SMPL's joints and a BVH skeleton's names of them")
-    joints = parse_config(FileMotions, {"joints": content}, str(path)).joints
-    return files.model_copy(update={"joints": joints})
-
-
-def _said(axes: Axes) -> set[str]:
-    """What is given of axes; an axis that points up decides the one that is faced."""
-    return set(axes.given) | ({"facing"} if "up" in axes.given else set())
 
 
 def _check_used(args: argparse.Namespace, *, sequences: bool, bvh: bool) -> None:
@@ -232,10 +195,10 @@ def _check_used(args: argparse.Namespace, *, sequences: bool, bvh: bool) -> None
             () if args.template is not None else _OF_GARMENT
         ),
         "body mesh sequences; a configuration's `fps` is the simulation's own": (
-            () if sequences else _OF_SEQUENCES
+            () if sequences else OF_SEQUENCES
         ),
         "--template FILE or body mesh sequences": (
-            () if sequences or args.template is not None else (*_OF_AXES, "weld")
+            () if sequences or args.template is not None else (*OF_AXES, "weld")
         ),
     }
     for what, options in needs.items():

@@ -78,19 +78,36 @@ def make_garment(
     config = config or TShirtConfig()
     if isinstance(config, TemplateConfig):
         return template_garment(resting(body), config)[0]
-    figure = Figure.of(body)
-    maker = figure if like is None else Figure.of(like)
+    maker = Figure.of(body if like is None else like)
     mesh = _surface(maker, config)
     _check(mesh, maker, config)
-    openings = _named(mesh, OPENINGS[config.kind])
     if like is not None:
-        if not np.array_equal(like.faces, body.faces):
-            raise InputError(
-                f"{config.kind}: only shapes of one body can share a garment; their faces differ"
-            )
-        borders = [(loop, _height(name, figure, config)) for name, loop in openings.items()]
-        mesh = refitted(mesh, maker, figure, _field(figure, config), borders)
-        _check(mesh, figure, config)
+        return refitted_garment(mesh, maker, body, config)
+    return _with_openings(mesh, _named(mesh, OPENINGS[config.kind]), config)
+
+
+def refitted_garment(mesh: Mesh, maker: Figure, body: SkinnedBody, config: MadeConfig) -> Garment:
+    """A garment that was made for one shape of a body, on another shape of it, with the same faces.
+
+    Args:
+        mesh: the garment as `make_garment` puts it on `maker`.
+        maker: the figure that it was made for.
+        body: the other shape.
+        config: of the garment.
+
+    Raises:
+        InputError: a body with other faces, or sizes that leave no clean surface on it.
+    """
+    if not np.array_equal(maker.faces, body.faces):
+        raise InputError(f"{config.kind}: only shapes of one body can share a garment; their faces differ")
+    figure, openings = Figure.of(body), _named(mesh, OPENINGS[config.kind])
+    borders = [(loop, _height(name, figure, config)) for name, loop in openings.items()]
+    moved = refitted(mesh, maker, figure, _field(figure, config), borders)
+    _check(moved, figure, config)
+    return _with_openings(moved, openings, config)
+
+
+def _with_openings(mesh: Mesh, openings: dict[str, np.ndarray], config: MadeConfig) -> Garment:
     return Garment(config.kind, mesh, openings, np.sort(openings.get("waist", _NONE)))
 
 

@@ -110,7 +110,7 @@ def save_prediction(
         prediction = predictor.predicted(shown)
         vertices = weights(prediction.imager.sample(prediction.metres())).numpy()
         garment = clip.with_garment(prediction.frames.to_world(vertices))
-        return _map_file(prediction), replace(garment, info=made_anew(clip.info) | dict(record))
+        return maps_of(prediction), replace(garment, info=made_anew(clip.info) | dict(record))
 
     batches = -(-reader.n_frames // FRAMES_AT_ONCE)
     threads = 1 if model.device.type != "cpu" else max(1, min(n_threads(), batches, _BATCHES_AT_ONCE))
@@ -132,7 +132,8 @@ def _shape(predictor: Predictor) -> Mesh:
     return mesh if own is None else replace(mesh, vertices=own)
 
 
-def _map_file(prediction: Prediction) -> MapFile:
+def maps_of(prediction: Prediction) -> MapFile:
+    """A prediction as its map file has it."""
     return MapFile.of(
         prediction.imager,
         position=prediction.positions.numpy(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
@@ -29,7 +30,12 @@ class Rejected(InputError):
 
 
 @one_blas_thread()
-def simulate_clip(motion: Motion | BodySequence, config: SimulateConfig) -> tuple[Clip, Quality]:
+def simulate_clip(
+    motion: Motion | BodySequence,
+    config: SimulateConfig,
+    *,
+    progress: Callable[[int], object] | None = None,
+) -> tuple[Clip, Quality]:
     """Simulate the garment on the configuration's body that follows a motion, or on a body mesh sequence.
 
     The clip's template is the garment as it hangs on the resting body, so that what a method must predict is the
@@ -42,6 +48,7 @@ def simulate_clip(motion: Motion | BodySequence, config: SimulateConfig) -> tupl
     Args:
         motion: at any frame rate, or the body's own frames.
         config: of one garment and one body; its `clips` are not looked at.
+        progress: called with a number of frames when they are done, in either attempt.
 
     Returns:
         The clip, and what was measured on it.
@@ -56,7 +63,7 @@ def simulate_clip(motion: Motion | BodySequence, config: SimulateConfig) -> tupl
     pattern = dressed.garment.mesh
     template = round_to_grid(settled(dressed, config.cloth, config.solver, config.fps))
     for attempt in (config.solver, config.solver.finer()):
-        vertices, steps = _simulated(body_motion, template, config, attempt)
+        vertices, steps = _simulated(body_motion, template, config, attempt, progress)
         vertices, quality = _checked(dressed, vertices, moved, body_motion.fps)
         wrong = faults(quality, config.gates)
         if not wrong:
@@ -97,7 +104,11 @@ def _described(garment: GarmentConfig) -> str:
 
 
 def _simulated(
-    body_motion: BodyMotion, rest: np.ndarray, config: SimulateConfig, solver: SolverConfig
+    body_motion: BodyMotion,
+    rest: np.ndarray,
+    config: SimulateConfig,
+    solver: SolverConfig,
+    progress: Callable[[int], object] | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(T, N, 3) the cloth at every frame of the clip, the first after warming up, and (T - 1,) substeps of each."""
     dressed = body_motion.dressed
@@ -112,6 +123,8 @@ def _simulated(
         steps.append(count)
         for body, pinned in zip(*body_motion.between(number, count), strict=True):
             cloth.step(body, 1 / (body_motion.fps * count), pinned)
+        if progress is not None and number >= body_motion.start:
+            progress(1)
     vertices.append(cloth.vertices)
     return body_motion.placed(np.stack(vertices)), np.array(steps[body_motion.start :])
 

@@ -13,6 +13,7 @@ import torch
 from imgtransfer.config.loader import load_config
 from imgtransfer.network import TransferModel
 from imgtransfer.report.logs import read_entries
+from imgtransfer.shipped.models import shipped_model
 from imgtransfer.training.checkpoint import MODEL_FILE, MODEL_FORMAT, load_model, read_tensors
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.hub_card import model_card
@@ -80,7 +81,8 @@ def from_pretrained(name: str | Path, *, device: str | torch.device = "cpu") -> 
     """A model for prediction, by the name of its repository on the hub or by its path.
 
     Args:
-        name: "owner/name"; or a folder with `model.safetensors` in it, or that file.
+        name: "owner/name"; a folder with `model.safetensors` in it, or that file; or "general", which comes with the
+            package.
         device: where the networks shall be.
 
     Raises:
@@ -90,15 +92,19 @@ def from_pretrained(name: str | Path, *, device: str | torch.device = "cpu") -> 
 
 
 def model_path(name: str | Path) -> Path:
-    """Where the model is on this machine: the path itself, or the folder that the hub's client has put it in.
+    """Where the model is on this machine: the path itself, one that comes with the package ("general"), or the folder
+    that the hub's client has put it in.
 
-    Only what looks like "owner/name" is asked for, and only where there is no folder "owner".
+    A file or folder of that name comes first. Only what looks like "owner/name" is asked for at the hub, and only where
+    there is no folder "owner".
 
     Raises:
         InputError: the hub has no such model, or cannot be reached.
     """
     path = Path(name)
     owner = path.parent
+    if not path.exists() and (shipped := shipped_model(str(name))) is not None:
+        return shipped
     if (
         path.exists()
         or path.is_absolute()

@@ -30,7 +30,7 @@ class SkinnedBodyMotion(BodyMotion):
     def __init__(self, motion: Motion, config: SimulateConfig) -> None:
         self.name, self.fps = motion.name, motion.fps
         self._motion, self._config = motion, config
-        self.dressed, self._body, self._weights = _dressed(
+        self.dressed, self._body, self._weights = dressed_body(
             config.body, config.garment, garment_fingerprint(config.garment)
         )
         body = self._body
@@ -89,10 +89,10 @@ class SkinnedBodyMotion(BodyMotion):
 
 
 @lru_cache(maxsize=4)
-def _dressed(
+def dressed_body(
     wearer: BodyConfig, kind: GarmentConfig, fingerprint: str
 ) -> tuple[DressedBody, SkinnedBody, np.ndarray]:
-    """The garment on the body, and the blend weights (H, K) with which its pinned vertices move.
+    """The garment on the body, the body, and the blend weights (H, K) with which the garment's pinned vertices move.
 
     Args:
         fingerprint: of the garment's file, so that another one of the same name is read anew.

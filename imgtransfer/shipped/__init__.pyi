@@ -1,0 +1,2 @@
+from .models import SHIPPED as SHIPPED
+from .models import shipped_model as shipped_model
