@@ -19,7 +19,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="train and measure the rows of an ablation at one budget",
         description="Trains every row of the given tables with every seed, each once even where several tables have "
         "it, measures them on the test clips, and writes results.json and tables.md. The same command goes on with "
-        "what was stopped. configs/ablation has the paper's tables: skinning (3), modules (4), fusion (5) and inputs (7).",
+        "what was stopped. configs/ablation has the paper's tables: skinning (3), modules (4), fusion (5), inputs (7).",
         examples=(
             "imgtransfer ablate configs/ablation/skinning.yaml --out runs/skinning",
             "imgtransfer ablate configs/ablation/*.yaml --set method.training.steps=2000 --workers 2",
