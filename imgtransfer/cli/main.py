@@ -22,6 +22,7 @@ COMMANDS = (
     "benchmark",
     "render",
     "inspect",
+    "view",
     "export",
     "import_",
     "migrate",
