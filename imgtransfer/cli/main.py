@@ -24,6 +24,7 @@ COMMANDS = (
     "ablate",
     "render",
     "inspect",
+    "view",
     "export",
     "import_",
     "migrate",

@@ -34,21 +34,37 @@ def refitted(
     Returns:
         A mesh with the faces of `mesh`.
     """
-    distance, nearest = cKDTree(start.vertices).query(mesh.vertices, k=_NEIGHBOURS)
-    weights = np.exp(-(((distance - distance[:, :1]) / _NEAR) ** 2))
-    weights /= weights.sum(axis=1, keepdims=True)
-    displacement = np.einsum("nk,nkx->nx", weights, (end.vertices - start.vertices)[nearest])
-    n = len(mesh.vertices)
-    pairs = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
-    mean = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n)).tocsr()
-    mean = mean.multiply(1 / mean.sum(axis=1)).tocsr()
-    for _ in range(_SMOOTHINGS):
-        displacement = 0.5 * (displacement + mean @ displacement)
-    vertices = mesh.vertices + displacement
+    vertices, mean = carried(mesh, start.vertices, end.vertices), _mean_of_neighbours(mesh)
     vertices[:, 1] += _lift(vertices[:, 1], mean, borders)
     vertices = relaxed(Mesh(vertices, mesh.faces), field)
     vertices[:, 1] += _lift(vertices[:, 1], mean, borders)  # the field's slope moved borders a little
     return Mesh(vertices, mesh.faces, mesh.source)
+
+
+def carried(mesh: Mesh, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(N, 3) the vertices of a garment that follow the skin beneath from one shape of the body to another.
+
+    Args:
+        mesh: the garment on `start`.
+        start, end: (B, 3) vertices of both shapes at rest, metres.
+    """
+    distance, nearest = cKDTree(start).query(mesh.vertices, k=_NEIGHBOURS)
+    weights = np.exp(-(((distance - distance[:, :1]) / _NEAR) ** 2))
+    weights /= weights.sum(axis=1, keepdims=True)
+    displacement = np.einsum("nk,nkx->nx", weights, (end - start)[nearest])
+    mean = _mean_of_neighbours(mesh)
+    for _ in range(_SMOOTHINGS):
+        displacement = 0.5 * (displacement + mean @ displacement)
+    moved: np.ndarray = mesh.vertices + displacement
+    return moved
+
+
+def _mean_of_neighbours(mesh: Mesh) -> csr_matrix:
+    """(N, N), which gives every vertex the mean of what its neighbours have."""
+    n = len(mesh.vertices)
+    pairs = np.concatenate([mesh.edges, mesh.edges[:, ::-1]])
+    neighbours = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n)).tocsr()
+    return neighbours.multiply(1 / neighbours.sum(axis=1)).tocsr()
 
 
 def _lift(
