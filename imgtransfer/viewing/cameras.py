@@ -12,8 +12,8 @@ if TYPE_CHECKING:  # a package of an extra
     from viser import CameraHandle, ClientHandle, ViserServer
 
 _FOV = 0.75  # radians, from top to bottom
-_AROUND = 1.15  # of what is to be seen
-_LANDSCAPE = 1.2  # width by height of what a page shows beside its controls
+_AROUND = 1.1  # of what is to be seen
+_LANDSCAPE = 1.35  # width by height of what a page shows beside its controls
 _FOLLOWS_S = 0.4  # a page whose camera was moved for it reports that, and is not followed in turn
 
 
