@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from imgtransfer.ablation.fusion_terms import TERMS
 from imgtransfer.benchmark.config import BenchmarkConfig, BenchmarkData, parsed, run_content
 from imgtransfer.config.schema import Section
-from imgtransfer.deformers.registry import NETWORK
+from imgtransfer.deformers.image_transfer.method import ImageTransferConfig
 from imgtransfer.evaluation.config import EvaluateConfig
 
 _BUDGET = ("steps", "batch_frames")  # of a training, which all rows have in common
@@ -42,6 +42,12 @@ class AblationRow(Section):
         return self
 
 
+class NetworkMethod(ImageTransferConfig):
+    """The section `method` of a training of the networks."""
+
+    name: Literal["image_transfer"] = Field("image_transfer", description="Which method.")
+
+
 class AblationConfig(Section):
     """Rows that are trained at one budget and measured on the same clips."""
 
@@ -49,8 +55,8 @@ class AblationConfig(Section):
 
     title: str = Field("", description="What the table is about.")
     data: BenchmarkData = Field(description="The clips to train on, and to measure on.")
-    method: dict[str, Any] = Field(
-        description="The section `method` of a training that all rows begin with, with the name image_transfer."
+    method: NetworkMethod = Field(
+        NetworkMethod(), description="The section `method` of a training that all rows begin with."
     )
     rows: tuple[AblationRow, ...] = Field(min_length=1, description="Rows of the table.")
     seeds: tuple[int, ...] = Field(
@@ -72,8 +78,6 @@ class AblationConfig(Section):
         twice = next((label for label in labels if labels.count(label) > 1), None)
         if twice is not None:
             raise ValueError(f"rows: two are called {twice}")
-        if self.method.get("name") != NETWORK:
-            raise ValueError(f"method: the name must be {NETWORK}, found {self.method.get('name')}")
         for row in self.rows:
             for key in _BUDGET:
                 if key in row.changes.get("training", {}):
@@ -84,7 +88,9 @@ class AblationConfig(Section):
 
     def settings_of(self, row: AblationRow) -> dict[str, Any]:
         """The section `method` that a row is trained with."""
-        return dict(row.method) if row.method is not None else merged(self.method, row.changes)
+        if row.method is not None:
+            return dict(row.method)
+        return merged(self.method.model_dump(mode="json"), row.changes)
 
     def content_of(self, row: AblationRow, seed: int) -> dict[str, Any]:
         """The content of the training's configuration of a row (`imgtransfer.benchmark.config.run_content`)."""
@@ -103,9 +109,10 @@ def merged(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     result = dict(settings)
     for key, value in changes.items():
         old = result.get(key)
-        inside = isinstance(value, Mapping) and isinstance(old, Mapping)
-        if inside and value.get("kind", old.get("kind")) == old.get("kind"):
-            result[key] = merged(old, value)
-        else:
+        if not isinstance(value, Mapping) or not isinstance(old, Mapping):
             result[key] = value
+        elif value.get("kind", old.get("kind")) != old.get("kind"):
+            result[key] = dict(value)
+        else:
+            result[key] = merged(old, value)
     return result

@@ -25,7 +25,7 @@ def markdown(results: Mapping[str, Any]) -> str:
     parts = []
     for name, table in results["tables"].items():
         config, data = table["config"], table["data"]
-        steps = config["method"].get("training", {}).get("steps")
+        steps = config["method"]["training"]["steps"]
         parts += [
             f"## {name}{': ' + config['title'] if config['title'] else ''}",
             "",

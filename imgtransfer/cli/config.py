@@ -11,7 +11,7 @@ from imgtransfer.cli.options import add_changes
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from pydantic import BaseModel
 
-COMMANDS = ("train", "simulate", "fuse", "evaluate", "benchmark")  # those that take a configuration
+COMMANDS = ("train", "simulate", "fuse", "evaluate", "benchmark", "ablate")  # those that take a configuration
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
@@ -87,6 +87,10 @@ def schema_of(command: str) -> type[BaseModel]:
         from imgtransfer.evaluation.config import EvaluateConfig  # noqa: PLC0415
 
         return EvaluateConfig
+    if command == "ablate":
+        from imgtransfer.ablation.config import AblationConfig  # noqa: PLC0415
+
+        return AblationConfig
     if command == "benchmark":
         from imgtransfer.benchmark.config import BenchmarkConfig  # noqa: PLC0415
 

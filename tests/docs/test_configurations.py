@@ -192,7 +192,9 @@ def test_a_committed_file_is_of_one_kind(path: Any) -> None:
         except InputError:
             continue
         taken.append(command)
-    assert taken == [{"data": "simulate", "benchmark": "benchmark"}.get(path.parent.name, "train")]
+    assert taken == [
+        {"data": "simulate", "benchmark": "benchmark", "ablation": "ablate"}.get(path.parent.name, "train")
+    ]
 
 
 @pytest.mark.parametrize(

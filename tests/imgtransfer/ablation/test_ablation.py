@@ -77,7 +77,7 @@ def test_the_files_that_come_along_are_right(path: Path) -> None:
 
 def test_all_tables_of_one_base_share_its_trainings() -> None:
     tables = [load_config(AblationConfig, path, []) for path in (ROOT / "configs/ablation").glob("*.yaml")]
-    assert len({json.dumps(table.method) for table in tables}) == 1
+    assert len({table.method.model_dump_json() for table in tables}) == 1
 
 
 def test_rows_are_trained_once_and_measured(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

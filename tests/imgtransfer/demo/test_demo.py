@@ -173,8 +173,8 @@ def test_a_missing_checkpoint_is_said_before_any_training(config: RunConfig, tmp
     assert not (tmp_path / "out").exists()
 
 
-def test_the_checkpoint_that_comes_with_the_project_is_the_demos_network_for_the_sample_shirt() -> None:
-    config, model = load_config(RunConfig, DEMO_CONFIG), load_model(CHECKPOINT)
+def test_the_checkpoint_that_comes_with_the_project_is_that_of_its_recipe_for_the_sample_shirt() -> None:
+    config, model = load_config(RunConfig, DEMO_CONFIG.with_name("pretrain.yaml")), load_model(CHECKPOINT)
     assert (model.network, model.maps) == (config.network, config.maps)
     data = DataSet.open(SAMPLE_DATA["tshirt"])
     for name in data.names():
