@@ -12,15 +12,14 @@ from imgtransfer.data.reader import Reader
 from imgtransfer.dressing.hanging import hanging_garment, ships
 from imgtransfer.dressing.readers import MeshReader, PosedReader
 from imgtransfer.dressing.settling import settled_garment
-from imgtransfer.dressing.source import Source
+from imgtransfer.dressing.source import Source, needs_own_garment
 from imgtransfer.garments.config import GarmentConfig, TemplateConfig
 from imgtransfer.garments.garment import resting, template_garment
 from imgtransfer.importers.checks.axes import Axes
 from imgtransfer.importers.sequences import weld_sequence
 from imgtransfer.motions.motion import Motion
-from imgtransfer.simulation.body_motion.unskinned import needs_template
 from imgtransfer.simulation.config import SimulateConfig
-from render import InputError, Mesh
+from render import Mesh
 from render.extras import check_installed
 from render.threads import one_blas_thread
 
@@ -56,7 +55,7 @@ def figure_of(source: Source, config: SimulateConfig) -> Reader:
             info=info | {"body": config.body.model_dump_json(exclude_unset=True)},
         )
     if not isinstance(garment, TemplateConfig):
-        raise InputError(f"{source.moved.moving}: {needs_template(garment)}")
+        raise needs_own_garment(garment, source)
     opened = source.moved.open()
     moving = weld_sequence(opened.sequence) if source.moved.settings.weld else opened.sequence
     chosen = moving.selected(slice(source.frames.start, source.frames.stop, source.frames.step))

@@ -9,10 +9,9 @@ import numpy as np
 from imgtransfer.bodies.config import make_body
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.clip_parts import Garment
-from imgtransfer.dressing.source import Progress, Source
+from imgtransfer.dressing.source import Progress, Source, needs_own_garment
 from imgtransfer.garments.config import TemplateConfig
 from imgtransfer.motions.motion import Motion
-from imgtransfer.simulation.body_motion.unskinned import needs_template
 from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.quality import Quality
 from imgtransfer.simulation.run import simulate_clip
@@ -39,7 +38,7 @@ def simulated(
     if isinstance(source.moved, Motion):
         return _in_place(source.moved, source, config, progress)
     if not isinstance(config.garment, TemplateConfig):
-        raise InputError(f"{source.moved.moving}: {needs_template(config.garment)}")
+        raise needs_own_garment(config.garment, source)
     if source.frames.start != 0 or source.frames.step != 1:
         raise InputError(
             f"{Option('simulate', True)}: a body mesh sequence is simulated from its first frame on, every one of "

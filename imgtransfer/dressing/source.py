@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from imgtransfer.data.schema import valid_clip_name
+from imgtransfer.garments.config import GarmentConfig
 from imgtransfer.importers.checks.findings import refuse
 from imgtransfer.importers.checks.motion import check_motion
 from imgtransfer.importers.formats.meshes import FPS
@@ -53,6 +54,14 @@ class Source:
     def fps(self) -> float:
         """Frames a second of those that are wanted."""
         return self.moved.fps / self.frames.step
+
+
+def needs_own_garment(garment: GarmentConfig, source: Source) -> InputError:
+    """What is said of a garment of the project's on a body without a skeleton."""
+    return InputError(
+        f"{source.name}: a {garment.title} cannot be cut for a moving body, which has no skeleton; give a mesh of your "
+        f"own, made for its rest pose, by {Option('garment')} FILE"
+    )
 
 
 def is_motion_file(path: Path) -> bool:
