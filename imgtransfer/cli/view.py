@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from imgtransfer.cli.options import add_clip_names, whole_number
 from render import InputError
 
+_GENERAL = "general"
 _LAST_PORT = 65535
 
 
@@ -30,7 +30,11 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "side, and without any only the live garment is",
     )
     add_clip_names(parser)
-    parser.add_argument("--model", type=Path, help="for the live garment; default the general checkpoint")
+    parser.add_argument(
+        "--model",
+        help="for the live garment: a run's folder, a model.safetensors or OWNER/NAME on the Hugging Face hub, of a "
+        "general model; default general, which comes with the package",
+    )
     parser.add_argument("--host", default="127.0.0.1", help="address to serve the page on; default 127.0.0.1")
     parser.add_argument(
         "--port", type=port_number, help="port to serve it on; default 8080, 0 is any free one"
@@ -41,12 +45,12 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def run(args: argparse.Namespace) -> None:
     """Serve the page until Ctrl-C."""
+    from imgtransfer.training.hub import model_path  # noqa: PLC0415
     from imgtransfer.viewing import (  # noqa: PLC0415
         PORT,
         LiveControls,
         Show,
         address_of,
-        general_checkpoint,
         open_browser,
         open_sources,
         page_server,
@@ -55,11 +59,8 @@ def run(args: argparse.Namespace) -> None:
     if args.clip and not args.source:
         raise InputError(f"view: --clip {args.clip[0]} chooses among the clips of sources, and none is given")
     clips = open_sources(args.source, args.clip)
-    model: Path | None = args.model or general_checkpoint()
-    live = None if model is None else LiveControls(model, on=not clips)
-    if live is None and not clips:
-        raise InputError("view: there is no general checkpoint at hand; give sources to look at, or --model")
-    if live is not None and (args.model or not clips):
+    live = LiveControls(model_path(args.model or _GENERAL), on=not clips)
+    if args.model or not clips:  # it is wanted, and not only at hand
         live.check()
     with page_server(args.host, PORT if args.port is None else args.port) as server:
         show = Show(server, clips, live)

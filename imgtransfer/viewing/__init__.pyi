@@ -1,5 +1,4 @@
 from .live_controls import LiveControls as LiveControls
-from .live_controls import general_checkpoint as general_checkpoint
 from .server import PORT as PORT
 from .server import address_of as address_of
 from .server import open_browser as open_browser

@@ -5,22 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from torch import Tensor
 
-from fusion import DecodedMaps, FusionInputs, InitialWeights, MovingSurface, fuse
-from imgtransfer.bodies import AnnyShape, SkinnedBody, load_body
+from fusion import BodySdf, DecodedMaps, FusionInputs, InitialWeights, MovingSurface, fuse
+from imgtransfer.bodies import AnnyConfig, AnnyShape, SkinnedBody, load_body
 from imgtransfer.bodies.smpl import INDEX
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.clip_parts import Body, Skeleton, Template
-from imgtransfer.garments import DressConfig, SkirtConfig, TrousersConfig, TShirtConfig, make_garment
+from imgtransfer.dressing.hanging import hanging_garment
+from imgtransfer.garments import DressConfig, SkirtConfig, TrousersConfig, TShirtConfig
 from imgtransfer.garments.refit import carried
 from imgtransfer.network.model import Predictor, TransferModel
 from imgtransfer.network.prediction import Prediction, ShownFrames
+from imgtransfer.simulation.quality import push_out
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.viewing.frame import Dress, Frame, MapImages
 from render import InputError, Mesh, Option, decode_normals
@@ -90,7 +92,7 @@ class LiveModel:
         if not model.general:
             raise InputError(
                 f"{Option('model')} {self._path}: this model is for one garment; one for any garment is wanted, such "
-                "as configs/general"
+                "as general, the package's own"
             )
         return model.eval()
 
@@ -112,8 +114,7 @@ class Worn:
 
     def __init__(self, model: TransferModel, kind: str, shape: AnnyShape) -> None:
         self._body = load_body(shape)
-        made, start = _made(kind), load_body()
-        self._template = Mesh(carried(made, start.rest, self._body.rest), made.faces, kind)
+        self._template = _on(self._body, kind)
         self._title = f"live: {kind}"
         self._predictor: Predictor = model.predictor(self._clip(np.zeros((1, 22, 3))))
         rest = Mesh(self._body.rest.astype(np.float64), self._body.faces, "body")
@@ -170,10 +171,15 @@ def pose_of(degrees: dict[str, float]) -> np.ndarray:
     return poses
 
 
-@lru_cache(maxsize=len(GARMENTS))
-def _made(kind: str) -> Mesh:
-    """The garment on the body in its default shape; it takes seconds, once a garment."""
-    return make_garment(load_body(), GARMENTS[kind](detail="small")).mesh
+def _on(body: SkinnedBody, kind: str) -> Mesh:
+    """The garment as it hangs on the default body, carried to another shape of that: in milliseconds, where making it
+    for the shape takes seconds.
+    """
+    hangs = hanging_garment(GARMENTS[kind](detail="small"), AnnyConfig())
+    moved = carried(hangs, load_body().rest, body.rest).astype(np.float32)
+    sdf = BodySdf(body.faces, len(body.rest))
+    sdf.update(body.rest)
+    return Mesh(push_out(moved, sdf)[0].astype(np.float64), hangs.faces, kind)
 
 
 def _last(shown: ShownFrames) -> ShownFrames:

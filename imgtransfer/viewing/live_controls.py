@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import imgtransfer
 from imgtransfer.bodies.shape import AnnyShape
 from imgtransfer.viewing.controls import put, when_changed
 
@@ -28,12 +27,6 @@ _RANGES = {
 }
 _KINDS = ("tshirt", "dress", "trousers", "skirt")
 _RATIO_STEP = 0.01
-
-
-def general_checkpoint() -> Path | None:
-    """Where the model for any garment is; None where it is not at hand."""
-    folder = Path(imgtransfer.__file__).resolve().parents[1] / "configs" / "general"
-    return folder if folder.is_dir() else None
 
 
 class LiveControls:
@@ -62,7 +55,7 @@ class LiveControls:
         """Put the controls on the page; `changed` is called where a person changes something."""
         with gui.add_folder("Live garment", expand_by_default=self._begin):
             self._on = gui.add_checkbox(
-                "predict live", self._begin, hint="the first garment takes some seconds, a pose much less"
+                "predict live", self._begin, hint="the first garment takes a moment, poses much less"
             )
             self._fused = gui.add_checkbox("fuse", True, hint="off: vertices are read from the position maps")
             self._kind = gui.add_dropdown("garment", _KINDS)

@@ -14,6 +14,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, Request, Route, s
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 # The GL that Chromium brings along, for WebGL on machines without a GPU; no sandbox, for containers.
 _ARGUMENTS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+_LONGEST_MS = 300_000  # on a busy machine without a GPU
 _OWN_HOSTS = ("127.0.0.1", "localhost", "")  # the empty one of file:, data: and blob:
 
 
@@ -81,7 +82,7 @@ def visited(
     page.on("console", note)
     page.on("pageerror", lambda error: visit.errors.append(str(error)))
     context.route("**/*", refuse)
-    page.goto(address)
+    page.goto(address, timeout=_LONGEST_MS)
     try:
         yield visit
     finally:

@@ -47,6 +47,7 @@ COMMANDS = {
     "imgtransfer/importers/smpl.py": ("import", "simulate"),
     "imgtransfer/importers/summary.py": ("import", "simulate"),
     "imgtransfer/simulation": ("simulate",),
+    "imgtransfer/viewing": ("view",),
     "imgtransfer/motions": ("simulate",),
     "imgtransfer/garments": ("simulate",),
     "imgtransfer/importers/together.py": MESHES,

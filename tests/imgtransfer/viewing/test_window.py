@@ -76,7 +76,7 @@ def ten_thousand(file: Path, clip: Clip) -> None:
 
 
 def check_shown_in_constant_memory(path: Path, clip: Clip, buffer: int = 0) -> None:
-    """Open a clip that repeats `clip`, and go through it: never more than a tenth of it is in memory, beside a buffer."""
+    """Open a clip that repeats `clip`, and go through it: in memory is never more than a tenth of it and a buffer."""
     whole = 10_000 * 12 * (len(clip.template.vertices) + len(clip.body.rest))
     (showing,) = next(iter(open_sources([path]).values()))
     ClipMotion(showing).frame(0)  # imports what it needs
