@@ -11,14 +11,13 @@ import numpy as np
 from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.pipeline.predictions import predicted_vertices
-from imgtransfer.report.html import data_uri
+from imgtransfer.report.page_pictures import data_uri
 from imgtransfer.report.pictures import SKIN, ShadedMesh, error_picture, mesh_picture, picture_camera
 from render import Camera, contact_sheet
 from render.pictures import heat_colours
 
 LIMIT_MM = 50.0  # what the brightest colour stands for, in every picture, so that they can be compared
 _DRAWN, _PLAYED = (300, 220), (210, 160)  # (height, width) in pixels
-_JPEG = (1, 80)  # OpenCV's key and value of the quality
 TRUTH = "truth"
 
 
@@ -130,4 +129,4 @@ def _spread(frames: int, count: int) -> list[int]:
 
 def _strip(images: Sequence[np.ndarray]) -> str:
     """Images beside each other as a URI; "" for none."""
-    return "" if not images else data_uri("jpeg", np.concatenate(list(images), axis=1), _JPEG)
+    return "" if not images else data_uri("jpeg", np.concatenate(list(images), axis=1))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import platform
+from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from imgtransfer.cli.machine import number_types, threads, vector_units
@@ -27,14 +29,33 @@ CORE = (
 )
 
 
+@dataclass(frozen=True)
+class Part:
+    """What was found out about one part of the machine.
+
+    Args:
+        lines: names and what they are, in order.
+        problem: what without it nothing works for, and what to do; None where it works.
+    """
+
+    lines: tuple[tuple[str, str], ...]
+    problem: str | None = None
+
+
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:
-    """Add the command's arguments (none)."""
+    """Add the command's arguments."""
     parser = subparsers.add_parser(
         "doctor",
         help="report what works on this machine",
         description="GL, PyTorch, what the processor does well (vector units, number types, threads), Warp, optional "
         "parts, versions. Exit status 0 when it can be used.",
-        examples=("imgtransfer doctor", "imgtransfer doctor > machine.txt"),
+        examples=("imgtransfer doctor", "imgtransfer doctor --report > report.md"),
+    )
+    parser.add_argument(
+        "--report",
+        action="store_true",
+        help="print it as Markdown with the versions of all packages, to paste into a bug report; it names no user, "
+        "and folders below the home folder begin with ~",
     )
     return parser
 
@@ -45,18 +66,37 @@ def run(args: argparse.Namespace) -> None:
     Raises:
         InputError: something without which nothing works is missing.
     """
-    del args
-    print(f"{'python':10} {platform.python_version()} on {platform.system()}")
-    broken = [part() for part in (_gl, _torch, _warp)]
-    for package, (use, extra) in OPTIONAL.items():
-        missing = f"missing: {use}; in the project's folder: pip install -c constraints.txt -e '.[{extra}]'"
-        print(f"{package:10} {_version(package) or missing}")
-    versions = [f"{package} {_version(package) or 'missing'}" for package in CORE]
-    print(f"{'versions':10} {', '.join(versions)}")
-    problems = [problem for problem in broken if problem]
+    if args.report:
+        from imgtransfer.cli.bug_report import bug_report  # noqa: PLC0415
+
+        print(bug_report(list(examined())), end="")
+        return
+    problems = []
+    for part in examined():
+        for name, value in part.lines:
+            print(f"{name:10} {value}", flush=True)
+        if part.problem:
+            problems.append(part.problem)
     if problems:
         raise InputError("doctor: " + "; ".join(problems))
     print("ready")
+
+
+def examined() -> Iterator[Part]:
+    """Every part, each when it has been looked at."""
+    yield Part((("python", f"{platform.python_version()} on {platform.system()}"),))
+    yield _gl()
+    yield _torch()
+    yield _warp()
+    yield Part(tuple((package, _version(package) or missing(package)) for package in OPTIONAL))
+    versions = [f"{package} {_version(package) or 'missing'}" for package in CORE]
+    yield Part((("versions", ", ".join(versions)),))
+
+
+def missing(package: str) -> str:
+    """What to say of an optional package that is not there."""
+    use, extra = OPTIONAL[package]
+    return f"missing: {use}; in the project's folder: pip install -c constraints.txt -e '.[{extra}]'"
 
 
 def _version(package: str) -> str | None:
@@ -66,42 +106,44 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _gl() -> str | None:
+def _gl() -> Part:
     from render.raster.context import HOW_TO_INSTALL, probe_backends  # noqa: PLC0415
 
     renderers = probe_backends()
     working = [name for name, renderer in renderers.items() if not renderer.startswith("unavailable")]
-    for name, renderer in renderers.items():
-        print(f"{'GL':10} {name}: {renderer}")
+    lines = [("GL", f"{name}: {renderer}") for name, renderer in renderers.items()]
     if working:
-        print(f"{'GL':10} rasterising with {working[0]}")
-    else:
-        print(f"{'GL':10} rasterising with the slow NumPy reference; to mend this: {HOW_TO_INSTALL['egl']}")
-    return None  # the NumPy rasteriser always works
+        chosen = f"rasterising with {working[0]}"
+    else:  # which always works
+        chosen = f"rasterising with the slow NumPy reference; to mend this: {HOW_TO_INSTALL['egl']}"
+    return Part((*lines, ("GL", chosen)))
 
 
-def _torch() -> str | None:
+def _torch() -> Part:
     try:
         import torch  # noqa: PLC0415
 
         device = f"cuda ({torch.cuda.get_device_name()})" if torch.cuda.is_available() else "cpu"
         length = float(torch.linalg.vector_norm(torch.tensor([3.0, 4.0], device=device.split(maxsplit=1)[0])))
     except (ImportError, OSError, RuntimeError) as error:
-        return f"PyTorch does not work ({error}); run scripts/test, which installs it"
-    print(f"{'torch':10} {torch.__version__} on {device}")
-    print(f"{'vectors':10} {vector_units()}")
-    print(f"{'bfloat16':10} {number_types()}")
-    print(f"{'threads':10} {threads()}")
-    return None if length == 5.0 else f"PyTorch computes |(3, 4)| = {length}; reinstall it"
+        return Part((), f"PyTorch does not work ({error}); run scripts/test, which installs it")
+    lines = (
+        ("torch", f"{torch.__version__} on {device}"),
+        ("vectors", vector_units()),
+        ("bfloat16", number_types()),
+        ("threads", threads()),
+    )
+    return Part(lines, None if length == 5.0 else f"PyTorch computes |(3, 4)| = {length}; reinstall it")
 
 
-def _warp() -> str | None:
+def _warp() -> Part:
     try:
         distance = _distance_to_a_tetrahedron()
     except (ImportError, OSError, RuntimeError) as error:
-        return f"Warp does not work ({error}); pip install warp-lang"
-    print(f"{'warp':10} {_version('warp-lang')}, signed distance works")
-    return None if abs(distance - 1.0) < 1e-5 else f"Warp computes a distance of {distance} instead of 1"
+        return Part((), f"Warp does not work ({error}); pip install warp-lang")
+    wrong = f"Warp computes a distance of {distance} instead of 1"
+    works = abs(distance - 1.0) < 1e-5
+    return Part((("warp", f"{_version('warp-lang')}, signed distance works"),), None if works else wrong)
 
 
 def _distance_to_a_tetrahedron() -> float:

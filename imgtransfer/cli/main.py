@@ -30,6 +30,7 @@ COMMANDS = (
     "migrate",
     "config",
     "doctor",
+    "completion",
 )
 
 

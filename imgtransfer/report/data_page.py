@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import ClipRef
 from imgtransfer.evaluation.inspection import Inspection, inspect_clip
-from imgtransfer.report.html import data_uri, write_page
+from imgtransfer.report.html import write_page
+from imgtransfer.report.page_pictures import PictureBudget, data_uri
 from imgtransfer.report.pictures import CLOTH, SKIN, ShadedMesh, mesh_picture, picture_camera
 from imgtransfer.report.svg import line_plot
 from render import InputError
@@ -22,7 +22,6 @@ from render.pictures import contact_sheet
 MANY = 60  # clips, from which on each gets fewer and smaller pictures
 _PICTURES, _PICTURES_OF_MANY = (8, (230, 165)), (5, (150, 108))  # frames, (height, width) of each in pixels
 _FLAGGED = 3  # frames with findings that are shown besides
-_JPEG_QUALITY = 82
 _HEADINGS = (
     "clip",
     "split",
@@ -107,7 +106,7 @@ def describe_clip(task: PageTask) -> ClipPart:
 def write_data_page(
     path: str | Path, title: str, facts: Mapping[str, str], parts: Sequence[ClipPart]
 ) -> Path:
-    """Write the page.
+    """Write the page; where it would become too large, clips without findings lose their pictures first.
 
     Args:
         path: the file.
@@ -118,8 +117,24 @@ def write_data_page(
         The file.
     """
     flagged = [part for part in parts if part.findings]
-    content = {"facts": facts, "clips": parts, "flagged": flagged, "headings": _HEADINGS}
-    return write_page(Path(path), "data_page.html", title=title, **content)
+    pictured = _pictured([*flagged, *(part for part in parts if not part.findings)])
+    return write_page(
+        Path(path),
+        "data_page.html",
+        title=title,
+        facts=facts,
+        clips=parts,
+        flagged=flagged,
+        headings=_HEADINGS,
+        pictured=pictured,
+        without=sum(part.picture is not None for part in parts) - len(pictured),
+    )
+
+
+def _pictured(parts: Sequence[ClipPart]) -> set[str]:
+    """Names of the clips whose pictures fit the page, the first ones first."""
+    budget = PictureBudget()
+    return {part.name for part in parts if part.picture is not None and budget.take(part.picture.source)}
 
 
 def _facts(clip: Clip) -> str:
@@ -144,7 +159,7 @@ def _picture(clip: Clip, count: int, flagged: Sequence[int], size: tuple[int, in
     camera = picture_camera(points, size=size)
     labels = [f"{frame} !" if frame in flagged else str(frame) for frame in frames]
     sheet = contact_sheet([[mesh_picture(shown, camera) for shown in surfaces]], column_labels=labels)
-    source = data_uri("jpeg", sheet, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    source = data_uri("jpeg", sheet)
     return ClipPicture(source, f"{clip.name}, frames {', '.join(labels)}")
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import cv2
 import jinja2
 import numpy as np
 
 from imgtransfer.evaluation.metrics import METRICS
 from imgtransfer.evaluation.table import HEADINGS, metric_cells
+from imgtransfer.report.page_pictures import fitting_uris
 from render.files.atomic import written_whole
 from render.pictures import to_uint8
 
@@ -24,11 +23,6 @@ class Picture:
 
     image: np.ndarray
     caption: str = ""
-
-    @property
-    def data_uri(self) -> str:
-        """The image as a PNG inside a URI."""
-        return data_uri("png", np.ascontiguousarray(to_uint8(self.image)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +49,8 @@ def write_report(
         title: of the page.
         metrics: by method, what `evaluate_clip` returns; a table where there is any, the best of each column
             marked (all metrics are better when small).
-        sections: the rest of the page, in order. Texts are plain, not HTML.
+        sections: the rest of the page, in order. Texts are plain, not HTML. Pictures that are too many bytes
+            for a page lose some sharpness; where that is not enough, all are made smaller, and the page says so.
 
     Returns:
         The file.
@@ -68,7 +63,15 @@ def write_report(
         )
         for method, values in metrics.items()
     ]
-    content = {"headings": ("method", *HEADINGS), "rows": rows, "sections": sections}
+    images = [to_uint8(picture.image) for section in sections for picture in section.images]
+    sources, factor = fitting_uris(images, ("png", "webp"))
+    left = iter(sources)
+    content = {
+        "headings": ("method", *HEADINGS),
+        "rows": rows,
+        "sections": [(one, [(picture.caption, next(left)) for picture in one.images]) for one in sections],
+        "percent": round(100 * factor),
+    }
     return write_page(Path(out_dir) / "report.html", "report.html", title=title, **content)
 
 
@@ -86,12 +89,6 @@ def write_page(path: Path, template: str, **content: object) -> Path:
     with written_whole(path) as temporary:
         temporary.write_text(_templates().get_template(template).render(content), encoding="utf-8")
     return path
-
-
-def data_uri(kind: str, image: np.ndarray, parameters: Sequence[int] = ()) -> str:
-    """An image (H, W, 3) uint8 RGB inside a URI; `kind` is "png" or "jpeg", `parameters` are OpenCV's."""
-    data = cv2.imencode(f".{kind}", image[..., ::-1], list(parameters))[1]
-    return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode()}"
 
 
 @cache

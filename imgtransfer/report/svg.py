@@ -9,7 +9,19 @@ import numpy as np
 
 _WIDTH, _HEIGHT = 560, 210
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 30, 34
-_COLOURS = ("#2f6fb5", "#c2571a", "#7a7f87", "#2b8a57")
+# Of the page, so that they suit light and dark; what stands behind the comma where the plot is alone.
+_COLOURS = (
+    "var(--plot-1, #2a68ad)",
+    "var(--plot-2, #b04c12)",
+    "var(--plot-3, #676c74)",
+    "var(--plot-4, #217148)",
+)
+_INK, _SOFT, _GRID, _MARK = (
+    "var(--ink, #1c2733)",
+    "var(--soft, #55626f)",
+    "var(--line, #e1e5ea)",
+    "var(--wrong, #b3261e)",
+)
 _POINTS = 280  # of a line at most
 
 
@@ -42,7 +54,7 @@ def line_plot(
     parts.append(_text(_LEFT, 16, title, "start", bold=True))
     for tick in np.linspace(0, top, 5):
         x, y = place(0, tick)
-        parts.append(f'<path d="M{x:.1f} {y:.1f}H{_WIDTH - _RIGHT}" stroke="#e1e5ea"/>')
+        parts.append(f'<path d="M{x:.1f} {y:.1f}H{_WIDTH - _RIGHT}" stroke="{_GRID}"/>')
         parts.append(_text(x - 6, y + 4, f"{tick:.3g}", "end"))
     for tick in np.arange(0, right * 1.0001, _ceiling(right / 8)):
         x, y = place(tick, 0)
@@ -50,7 +62,7 @@ def line_plot(
     parts.append(_text(_WIDTH - _RIGHT, _HEIGHT - 4, x_label, "end"))
     for mark in marks:
         x, y = place(mark, 0)
-        parts.append(f'<path d="M{x:.1f} {y:.1f}V{_TOP}" stroke="#b3261e" stroke-dasharray="3 3"/>')
+        parts.append(f'<path d="M{x:.1f} {y:.1f}V{_TOP}" stroke="{_MARK}" stroke-dasharray="3 3"/>')
     at = float(_WIDTH - _RIGHT)
     for (name, (xs, ys)), colour in reversed(list(zip(drawn.items(), _COLOURS, strict=False))):
         points = " ".join("{:.1f},{:.1f}".format(*place(x, y)) for x, y in zip(xs, ys, strict=True))
@@ -75,9 +87,9 @@ def _ceiling(value: float) -> float:
     return float(next((step * power for step in (1, 2, 4, 6, 8) if step * power >= value), 10 * power))
 
 
-def _text(x: float, y: float, text: str, anchor: str, *, bold: bool = False, colour: str = "#5a6876") -> str:
+def _text(x: float, y: float, text: str, anchor: str, *, bold: bool = False, colour: str = _SOFT) -> str:
     weight = ' font-weight="600"' if bold else ""
-    colour = "#1c2733" if bold else colour
+    colour = _INK if bold else colour
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{colour}"{weight}>{escape(text)}</text>'
     )

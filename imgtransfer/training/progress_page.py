@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 import torch
 
-from imgtransfer.report.html import data_uri, write_page
+from imgtransfer.report.html import write_page
 from imgtransfer.report.logs import read_curves, read_entries
+from imgtransfer.report.page_pictures import fitting_uris
 from imgtransfer.report.svg import line_plot
 from imgtransfer.training.log import LOG_FILE
 from imgtransfer.training.progress_pictures import LIMIT_MM, frame_sheet, predicted_sheet, true_sheet
@@ -25,7 +26,6 @@ _log = logging.getLogger(__name__)
 PAGE_FILE, PICTURES_FOLDER = "report.html", "progress"
 FIXED_FRAMES = 3
 _SHOWN = 8  # steps whose pictures the page has, the first and the last among them
-_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 85]
 _PLOTS = {  # title: names by keys of the log
     "training loss": {"position_loss": "positions", "normal_loss": "normals"},
     "validation, mm": {
@@ -72,7 +72,11 @@ class ProgressPage:
         labels = [trainer.validation_frames.label(frame) for frame in self._fixed.tolist()]
         shown = trainer.images(self._fixed)
         write_png(pictures / f"{trainer.step:09d}.png", predicted_sheet(shown, labels))
-        worst = trainer.validation.worst
+        steps, worst = self._steps(pictures), trainer.validation.worst
+        images = [true_sheet(shown, labels), *(image for _, image in steps)]
+        if worst is not None:
+            images += [frame_sheet(trainer.images(torch.tensor([worst[0]]))[0])]
+        sources, factor = fitting_uris(images, ("jpeg",))
         entries, _ = read_entries(self._out / LOG_FILE)
         write_page(
             page,
@@ -82,9 +86,12 @@ class ProgressPage:
             advice=what_to_look_at(entries, trainer.config.training),
             plots=self._plots(),
             limit=f"{LIMIT_MM:.0f}",
-            truth=data_uri("jpeg", true_sheet(shown, labels), _QUALITY),
-            steps=self._steps(pictures),
-            worst=None if worst is None else self._worst(*worst),
+            labels=", ".join(labels),
+            truth=sources[0],
+            steps=[(f"{step:,}", source) for (step, _), source in zip(steps, sources[1:], strict=False)],
+            worst=None if worst is None else (self._about(*worst), sources[-1]),
+            percent=round(100 * factor),
+            folder=PICTURES_FOLDER,
         )
 
     def _facts(self, pace: Pace) -> dict[str, str]:
@@ -113,8 +120,8 @@ class ProgressPage:
                 plots.append(line_plot(curves, title=title, x_label="steps"))
         return plots
 
-    def _steps(self, pictures: Path) -> list[tuple[str, str]]:
-        """Steps, evenly spread over those that have pictures, each with its picture as a URI."""
+    def _steps(self, pictures: Path) -> list[tuple[int, np.ndarray]]:
+        """Steps, evenly spread over those that have pictures, each with its picture."""
         files = {int(path.stem): path for path in pictures.glob("[0-9]*.png")}
         known = sorted(step for step in files if step <= self._trainer.step)
         places = np.linspace(0, len(known) - 1, min(_SHOWN, len(known))).round().astype(int)
@@ -122,11 +129,9 @@ class ProgressPage:
         for step in (known[place] for place in places):
             image = cv2.imread(str(files[step]))
             if image is not None:
-                shown.append((f"{step:,}", data_uri("jpeg", image[..., ::-1], _QUALITY)))
+                shown.append((step, image[..., ::-1]))
         return shown
 
-    def _worst(self, frame: int, error_mm: float) -> tuple[str, str]:
-        """What the worst frame of the last validation is, and its picture as a URI."""
-        (images,) = self._trainer.images(torch.tensor([frame]))
-        label = self._trainer.validation_frames.label(frame)
-        return f"{label}: {error_mm:.1f} mm in the mean", data_uri("jpeg", frame_sheet(images), _QUALITY)
+    def _about(self, frame: int, error_mm: float) -> str:
+        """What the worst frame of the last validation is."""
+        return f"{self._trainer.validation_frames.label(frame)}: {error_mm:.1f} mm in the mean"

@@ -12,6 +12,7 @@ from imgtransfer.benchmark.tables import row_name
 from imgtransfer.cli.main import main
 from imgtransfer.data.clip import save_clip
 from imgtransfer.deformers import load_deformer
+from tests.helpers.pages import check_page
 from tests.helpers.synthetic import tube_clip
 
 CONFIG = """
@@ -88,9 +89,10 @@ def test_the_page_shows_and_plays_every_method_and_needs_nothing_else(folder: Pa
     page = Path("out/report.html").read_text()
     assert page.count('class="frame"') == 2  # the method, and the truth
     assert page.count("data:image/jpeg;base64,") == 2
-    assert page.count("data:image/png;base64,") == 1
+    assert page.count("data:image/webp;base64,") == 1
     assert "http" not in page
     assert Path("out/pictures/tube__two.png").is_file()
+    check_page(Path("out/report.html"))
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import train
 from render import InputError
+from tests.helpers.pages import check_page
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +104,7 @@ def test_everything_the_demo_promises_is_there(finished: tuple[Path, dict[str, d
     assert (out / "tube__test.glb").read_bytes()[:4] == b"glTF"
     for name in ("overview", "maps_1", "maps_2", "meshes", "training_1"):
         assert (out / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    check_page(out / "report.html")
 
 
 def test_a_second_run_trains_nothing_again(

@@ -17,6 +17,7 @@ from imgtransfer.data.store import DataSet
 from imgtransfer.evaluation.inspection import inspect_clip
 from imgtransfer.report.svg import line_plot
 from tests.helpers import synthetic
+from tests.helpers.pages import check_page
 
 FRAMES, FAULTY = 40, 20
 
@@ -171,6 +172,7 @@ def test_the_page_shows_every_clip_and_names_the_faulty_ones(
     assert "tube/jump" in looked_at
     assert "tube/good" not in looked_at
     assert len(text) < 300_000
+    check_page(page)
 
 
 def test_a_damaged_clip_is_on_the_page_beside_the_others(

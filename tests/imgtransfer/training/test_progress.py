@@ -20,6 +20,7 @@ from imgtransfer.training.loop import train
 from imgtransfer.training.standstill import VALIDATIONS, what_to_look_at
 from imgtransfer.training.trainer import Trainer
 from render import InputError
+from tests.helpers.pages import check_page
 from tests.helpers.training import small_config
 
 
@@ -54,6 +55,7 @@ def test_the_page_has_curves_and_pictures_of_each_validation(told: Path) -> None
         assert text in page
     assert page.count('class="plot"') == 5  # losses, millimetres, degrees, STED, rate
     assert 'src="http' not in page
+    check_page(told / "report.html")
 
 
 def test_what_is_fused_in_training_is_what_the_commands_fuse(told: Path, tube_clip: Clip) -> None:
