@@ -170,7 +170,7 @@ def _predicted(
 ) -> list[str]:
     """Write the figure with the garment as the network moves it; what there is to say of it."""
     from imgtransfer.data.clip import Clip  # noqa: PLC0415
-    from imgtransfer.dressing.deformed import deformed  # noqa: PLC0415
+    from imgtransfer.dressing.deformed import predict_and_fuse  # noqa: PLC0415
     from imgtransfer.dressing.figure import figure_of  # noqa: PLC0415
     from imgtransfer.exports import written_animation  # noqa: PLC0415
     from imgtransfer.pipeline.fuse_summary import notes_of  # noqa: PLC0415
@@ -191,7 +191,7 @@ def _predicted(
             with watch.of("writing"):
                 add(clip)
 
-        done = deformed(model, reader, take, progress=bar.update)
+        done = predict_and_fuse(model, reader, take, progress=bar.update)
     watch.seconds |= {"predicting": done.predict_seconds, "fusing (all threads)": done.fuse_seconds}
     report = done.report
     body = report["crossing_percent"]["after"]
@@ -205,11 +205,11 @@ def _simulated(
     args: argparse.Namespace, source: Source, config: SimulateConfig, watch: _Stopwatch
 ) -> list[str]:
     """Write the figure with its cloth simulated; what there is to say of it."""
-    from imgtransfer.dressing.simulated import simulated  # noqa: PLC0415
+    from imgtransfer.dressing.simulated import simulate_source  # noqa: PLC0415
     from imgtransfer.exports import written_animation  # noqa: PLC0415
 
     with _bar(len(source.frames), source.name) as bar, watch.of("simulating"):
-        clip, quality = simulated(source, config, progress=bar.update)
+        clip, quality = simulate_source(source, config, progress=bar.update)
     with (
         watch.of("writing"),
         written_animation(args.out, n_frames=clip.n_frames, frames_as=args.frames_as) as add,

@@ -42,7 +42,7 @@ class Deformed:
 
 
 @one_blas_thread()
-def deformed(
+def predict_and_fuse(
     model: TransferModel,
     reader: Reader,
     take: Callable[[Clip], object],

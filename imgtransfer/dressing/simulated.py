@@ -19,7 +19,7 @@ from render import InputError, Option
 from render.extras import check_installed
 
 
-def simulated(
+def simulate_source(
     source: Source, config: SimulateConfig, *, progress: Progress | None = None
 ) -> tuple[Clip, Quality]:
     """The source's body with the configuration's garment, simulated where the source has it; all in memory.

@@ -30,6 +30,7 @@ COMMANDS = {
     "imgtransfer/deformers/predict.py": ("predict",),
     "imgtransfer/running": ("simulate", "predict", "fuse", "inspect"),
     "imgtransfer/exports": ("export",),
+    "imgtransfer/dressing": ("dress",),
     "imgtransfer/pipeline/fuse.py": ("fuse",),
     "imgtransfer/pipeline/fuse_notes.py": ("fuse",),
     "imgtransfer/pipeline/fuse_summary.py": ("fuse",),

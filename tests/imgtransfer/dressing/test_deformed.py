@@ -7,7 +7,7 @@ from fusion import FusionConfig
 from imgtransfer.data.clip import load_clip, written_clip
 from imgtransfer.data.reader import LoadedReader
 from imgtransfer.data.sequences import clip_reader, open_clip_arrays
-from imgtransfer.dressing.deformed import deformed
+from imgtransfer.dressing.deformed import predict_and_fuse
 from imgtransfer.pipeline.folder import FUSED_FILE, MAPS_FILE, POSITION_ONLY_FILE
 from imgtransfer.pipeline.fuse import FuseInputs, FuseOptions, fuse_into
 from imgtransfer.pipeline.predict import save_prediction
@@ -27,7 +27,7 @@ def test_the_vertices_are_those_of_predict_and_fuse(clip, tmp_path):
     """To the bit, also of a network that is shown the body at earlier times."""
     model, reader, taken = local_model_for(clip), LoadedReader(clip), []
     progress = []
-    done = deformed(model, reader, taken.append, CONFIG, progress=progress.append)
+    done = predict_and_fuse(model, reader, taken.append, CONFIG, progress=progress.append)
     save_prediction(tmp_path / "p", model, reader, record={})
     body = tmp_path / "p" / POSITION_ONLY_FILE
     inputs = FuseInputs(body=open_clip_arrays(body, "body"), clip=clip_reader(body))
@@ -52,5 +52,5 @@ def test_what_stops_it_leaves_no_file(clip, tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt), written_clip(tmp_path / "x.npz") as add:
-        deformed(local_model_for(clip), LoadedReader(clip), add, CONFIG, progress=stop)
+        predict_and_fuse(local_model_for(clip), LoadedReader(clip), add, CONFIG, progress=stop)
     assert list(tmp_path.iterdir()) == []
