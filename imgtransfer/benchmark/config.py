@@ -33,6 +33,40 @@ class BenchmarkData(Section):
     )
 
 
+class Robustness(Section):
+    """How far a garment moves when one joint of the body is turned by itself (table 3 of JointNet)."""
+
+    joints: tuple[Annotated[int, Field(ge=1, le=10**4)], ...] = Field(
+        (16, 17, 18, 19),
+        min_length=1,
+        description="Joints that are turned, one at a time, by their number in `poses`; the paper's are SMPL's "
+        "shoulders and elbows.",
+    )
+    angle: Annotated[float, Unit("degrees")] = Field(
+        20.0, gt=0, le=180, description="Of each turn; it stays the same through a clip."
+    )
+    draws: int = Field(
+        2, ge=1, le=100, description="Turns of each joint, about axes that are drawn by the seed."
+    )
+
+
+class Variants(Section):
+    """One setting of a method over several values, such as AnchorDEF's number of anchors (its table 2)."""
+
+    method: str = Field(description="The label of one of `methods`.")
+    setting: str = Field(
+        pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*$", description="Its setting, such as anchors or rig.bones."
+    )
+    values: tuple[int | float | bool | str, ...] = Field(
+        min_length=1, description="What the setting is, each in a fit of its own."
+    )
+
+    @property
+    def title(self) -> str:
+        """What tables and folders call it."""
+        return f"{self.method}.{self.setting}"
+
+
 class BenchmarkConfig(Section):
     """Methods that are fitted to the same clips and measured on others."""
 
@@ -68,6 +102,38 @@ class BenchmarkConfig(Section):
         description="Of each test clip, evenly spread, that the page plays; 0, as of `pictures`, draws none.",
     )
     evaluate: EvaluateConfig = Field(EvaluateConfig(), description="What the metrics are measured with.")
+    robustness: Robustness | None = Field(
+        None, description="Also measure how far each garment moves when one joint is turned; null does not."
+    )
+    data_sizes: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = Field(
+        (),
+        description="Also fit every method to these parts of the training clips; the smaller lie in the larger.",
+    )
+    variants: tuple[Variants, ...] = Field(
+        (), description="Also fit methods with other values of one setting."
+    )
+    rollouts: tuple[Annotated[int, Unit("frames")] | None, ...] = Field(
+        (),
+        description="Also measure roll-outs of these lengths, null to the clip's end, from true frames, of the methods "
+        "that predict a frame from those before it.",
+    )
+
+    @model_validator(mode="after")
+    def _modes_fit(self) -> BenchmarkConfig:
+        for name, values in (("data_sizes", self.data_sizes), ("rollouts", self.rollouts)):
+            if len(set(values)) != len(values):
+                raise ValueError(f"{name}: a value stands there twice")
+        if any(length is not None and length < 1 for length in self.rollouts):
+            raise ValueError("rollouts: lengths are whole numbers from 1, or null")
+        for one in self.variants:
+            if one.method not in self.labels():
+                raise ValueError(
+                    f"variants: no method is called {one.method}; there are {', '.join(self.labels())}"
+                )
+        titles = [one.title for one in self.variants]
+        if len(set(titles)) != len(titles):
+            raise ValueError("variants: one setting stands there twice; put its values together")
+        return self
 
     @model_validator(mode="after")
     def _names_differ(self) -> BenchmarkConfig:

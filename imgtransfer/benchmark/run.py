@@ -10,6 +10,8 @@ from typing import Any
 from imgtransfer.benchmark.config import BenchmarkConfig, BenchmarkData, label_of, parsed, run_content
 from imgtransfer.benchmark.machine import machine
 from imgtransfer.benchmark.measure import MethodResult, MethodTask, measure, predicted_files
+from imgtransfer.benchmark.mode_tables import mode_tables
+from imgtransfer.benchmark.modes import check_modes, run_modes
 from imgtransfer.benchmark.page import write_benchmark_page
 from imgtransfer.benchmark.pictures import Candidate, ClipPictures, clip_pictures
 from imgtransfer.benchmark.statistics import bootstrap_intervals
@@ -58,21 +60,20 @@ def run_benchmark(
     done = run_tasks(
         measure, tasks, executor=executor, name=lambda task: task.name, say=MethodResult.line, unit="method"
     )
+    finished = [task for task in tasks if task.name in done.values]
+    modes = run_modes(config, finished, done.values, executor=executor)
     results = {
         "config": config.model_dump(mode="json"),
         "machine": machine(),
         "data": data,
-        "results": [
-            row
-            for task in tasks
-            if task.name in done.values
-            for row in _rows(config, task, done.values[task.name])
-        ],
-        "failures": done.failures,
+        "results": [row for task in finished for row in _rows(config, task, done.values[task.name])],
+        "modes": modes.tables,
+        "failures": done.failures | modes.failures,
     }
     if results["results"]:
-        write_results(config, out, results, [task for task in tasks if task.name in done.values])
+        write_results(config, out, results, finished)
     done.check("method")
+    modes.check()
     return results
 
 
@@ -93,6 +94,7 @@ def benchmark_tasks(
     for label in only or ():
         if label not in labels:
             raise InputError(f"{Option('methods')} {label}: no such method; there are {', '.join(labels)}")
+    check_modes(config, source)
     tasks = []
     for data in config.data:
         common: dict[str, Any] = {
@@ -210,4 +212,6 @@ def _sections(results: Mapping[str, Any], style: str) -> list[str]:
             "",
         ]
         lines += [overall_table(results, name, style), "", clips_table(results, name, style), ""]
+        for title, table in mode_tables(results, name, style):
+            lines += [f"{heading}{name}: {title}", "", table, ""]
     return lines

@@ -51,6 +51,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def run(args: argparse.Namespace) -> None:
     """Run the benchmark, and print its tables."""
     from imgtransfer.benchmark.config import BenchmarkConfig  # noqa: PLC0415
+    from imgtransfer.benchmark.mode_tables import mode_tables  # noqa: PLC0415
     from imgtransfer.benchmark.run import PAGE_FILE, run_benchmark  # noqa: PLC0415
     from imgtransfer.benchmark.tables import overall_table  # noqa: PLC0415
     from imgtransfer.config.loader import load_config  # noqa: PLC0415
@@ -75,6 +76,8 @@ def run(args: argparse.Namespace) -> None:
         return
     for data in config.data:
         print(f"\n{data.name}\n{overall_table(results, data.name)}")
+        for title, table in mode_tables(results, data.name):
+            print(f"\n{data.name}: {title}\n{table}")
     print(f"\npage     {out / PAGE_FILE}")
 
 
