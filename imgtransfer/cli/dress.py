@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from imgtransfer.cli.mesh_options import OF_AXES, OF_GARMENT_AXES, OF_SEQUENCES, add_axes, add_objects
 from imgtransfer.cli.options import frame_slice
+from imgtransfer.running.messages import as_flag
 from render import InputError
+from render.options import Option, options_named
 
 if TYPE_CHECKING:  # `--help` must not wait for the array libraries
     from imgtransfer.dressing.source import Source
@@ -22,6 +24,7 @@ _FABRICS = ("cotton", "silk", "denim")
 _TOGETHER = 32  # frames that are written together
 _OF_MESHES = (*OF_AXES, "weld")  # what goes with any mesh file
 _OF_GARMENT = ("pinned", "garment_object", *OF_GARMENT_AXES)
+_OF_BOTH = ("fps", "motion_up")  # of motion files and moving bodies
 _OF_MOTIONS = ("body", "smpl", "arms_out")
 
 
@@ -123,6 +126,13 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--body-rest", type=Path, metavar="FILE", help="the moving body in its rest pose")
 
 
+def as_option(option: Option) -> str:
+    """An option as this command has it: what is said of a motion file's up axis and of a SMPL body has other names."""
+    if option.name == "up_axis":
+        return as_flag(Option("motion_up", option.value))
+    return f"--body gender={option.value or '...'}" if option.name == "gender" else as_flag(option)
+
+
 class _Stopwatch:
     """Seconds of what is done, by name."""
 
@@ -143,6 +153,11 @@ class _Stopwatch:
 
 def run(args: argparse.Namespace) -> None:
     """Dress one motion, and say where the file is and how the garment lies."""
+    with options_named(as_option):
+        _dress(args)
+
+
+def _dress(args: argparse.Namespace) -> None:
     from imgtransfer.cli.dress_settings import figure_settings  # noqa: PLC0415
     from imgtransfer.dressing.source import open_source  # noqa: PLC0415
     from imgtransfer.exports import check_target  # noqa: PLC0415
@@ -254,7 +269,7 @@ def _check_used(args: argparse.Namespace, config: SimulateConfig) -> None:
     needs = {
         "a motion file; a moving body is as it is": () if motion else _OF_MOTIONS,
         "BVH files; npz files have SMPL's joints": () if bvh else ("joints",),
-        "a moving body": tuple(name for name in OF_SEQUENCES if name != "fps") if motion else (),
+        "a moving body": tuple(name for name in OF_SEQUENCES if name not in _OF_BOTH) if motion else (),
         "--garment FILE": () if own else _OF_GARMENT,
         "--garment FILE or a moving body": _OF_MESHES if motion and not own else (),
         "--simulate": () if args.simulate else ("pinned", "fabric"),

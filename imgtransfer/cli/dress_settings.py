@@ -11,6 +11,7 @@ from imgtransfer.cli.mesh_options import chosen_axes
 from imgtransfer.cli.mesh_settings import garment_settings, with_joints, with_sequence_options
 from imgtransfer.config.loader import parse_config
 from imgtransfer.dressing.settling import SOLVER
+from imgtransfer.dressing.source import is_motion_file
 from imgtransfer.garments.config import (
     DressConfig,
     GarmentConfig,
@@ -52,6 +53,10 @@ def figure_settings(args: argparse.Namespace) -> SimulateConfig:
         files = parse_config(
             FileMotions, files.model_dump() | {"arms_out": args.arms_out}, f"--arms-out {args.arms_out:g}"
         )
+    if is_motion_file(args.motion) and args.motion_up is not None:
+        if args.motion_up not in ("y", "z"):
+            raise InputError(f"--motion-up {args.motion_up}: a motion file has y or z up")
+        files = files.model_copy(update={"up_axis": args.motion_up})
     return SimulateConfig(
         fps=args.fps or 30.0,
         body=body_settings(args.body, args.smpl),

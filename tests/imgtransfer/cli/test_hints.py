@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from imgtransfer.bodies.config import SmplConfig
+from imgtransfer.cli import dress
 from imgtransfer.cli.main import build_parser
 from imgtransfer.cli.simulate import as_option, as_option_with_template
 from imgtransfer.garments.config import TemplateConfig
@@ -19,7 +20,7 @@ from imgtransfer.simulation.motion_config import FileMotions
 from render.options import Naming, Option
 from tests.helpers.paths import ROOT
 
-MESHES = ("import", "render", "fuse", "simulate")
+MESHES = ("import", "render", "fuse", "simulate", "dress")
 # Which commands run what a module says; the longest path that fits counts.
 COMMANDS = {
     "imgtransfer/config": ("simulate", "train", "fuse", "config"),
@@ -29,6 +30,7 @@ COMMANDS = {
     "imgtransfer/deformers/base.py": ("predict",),
     "imgtransfer/deformers/predict.py": ("predict",),
     "imgtransfer/running": ("simulate", "predict", "fuse", "inspect"),
+    "imgtransfer/dressing": ("dress",),
     "imgtransfer/exports": ("export",),
     "imgtransfer/dressing": ("dress",),
     "imgtransfer/pipeline/fuse.py": ("fuse",),
@@ -39,18 +41,18 @@ COMMANDS = {
     "imgtransfer/pipeline/predict.py": ("predict",),
     "imgtransfer/pipeline/render.py": ("render",),
     "imgtransfer/pipeline/scene.py": ("render",),
-    "imgtransfer/importers/checks": ("import", "simulate"),
+    "imgtransfer/importers/checks": ("import", "simulate", "dress"),
     "imgtransfer/importers/checks/axes.py": MESHES,
     "imgtransfer/importers/checks/motion.py": MESHES,
     "imgtransfer/importers/checks/weld.py": MESHES,
     "imgtransfer/importers/formats": ("import",),
     "imgtransfer/importers/pickles": ("import", "simulate"),
-    "imgtransfer/importers/smpl.py": ("import", "simulate"),
+    "imgtransfer/importers/smpl.py": ("import", "simulate", "dress"),
     "imgtransfer/importers/summary.py": ("import", "simulate"),
     "imgtransfer/simulation": ("simulate",),
     "imgtransfer/viewing": ("view",),
-    "imgtransfer/motions": ("simulate",),
-    "imgtransfer/garments": ("simulate",),
+    "imgtransfer/motions": ("simulate", "dress"),
+    "imgtransfer/garments": ("simulate", "dress"),
     "imgtransfer/importers/together.py": MESHES,
     "render/files/sequence.py": (),  # what Python calls its own choice of a mesh; commands give theirs
 }
@@ -85,12 +87,16 @@ def exists(text: str, known: set[str]) -> bool:
     """Whether what a message calls an option is a flag, or a key of the garment's or body's configuration."""
     if setting := re.fullmatch(r"`(\w+)\.(\w+)`", text):
         return setting[2] in SECTIONS[setting[1]].model_fields
+    text = text.removesuffix(" gender=...")  # of `--body`
     if change := re.fullmatch(r"--set (\w+)\.(\w+)(=.*)?", text):
         return "--set" in known and change[2] in SECTIONS[change[1]].model_fields
     return text in known
 
 
-NAMINGS: dict[str, list[Naming]] = {"simulate": [as_option, as_option_with_template]}
+NAMINGS: dict[str, list[Naming]] = {
+    "simulate": [as_option, as_option_with_template],
+    "dress": [dress.as_option],
+}
 
 
 @pytest.mark.parametrize(("module", "name"), sorted(set(options())))
