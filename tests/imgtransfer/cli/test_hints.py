@@ -30,7 +30,6 @@ COMMANDS = {
     "imgtransfer/deformers/base.py": ("predict",),
     "imgtransfer/deformers/predict.py": ("predict",),
     "imgtransfer/running": ("simulate", "predict", "fuse", "inspect"),
-    "imgtransfer/dressing": ("dress",),
     "imgtransfer/exports": ("export",),
     "imgtransfer/dressing": ("dress",),
     "imgtransfer/pipeline/fuse.py": ("fuse",),
