@@ -179,10 +179,20 @@ def write_png(path: Path | str, image: np.ndarray) -> None:
     path = Path(path)
     if path.suffix != ".png":
         raise InputError(f"{path}: pictures are written as .png")
-    pixels = np.ascontiguousarray(to_uint8(image)[..., ::-1])
-    encoded = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
+    content = png_bytes(image)
     with written_whole(path) as temporary:
-        temporary.write_bytes(encoded.tobytes())
+        temporary.write_bytes(content)
+
+
+def png_bytes(image: np.ndarray) -> bytes:
+    """An image as `to_uint8` takes it, as the content of a PNG file.
+
+    Raises:
+        InputError: another shape.
+    """
+    pixels = np.ascontiguousarray(to_uint8(image)[..., ::-1])
+    content: bytes = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
+    return content
 
 
 def _text_width(text: str) -> int:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import html
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from imgtransfer.viewing.figure import Facts
 from imgtransfer.viewing.look import COLOURS, MAPS, Look, Maps
 from imgtransfer.viewing.picking import Mark
 from imgtransfer.viewing.sources import Showing
-from render.pictures import scale_bar
+from render.pictures import png_bytes, scale_bar
 
 if TYPE_CHECKING:  # a package of an extra
     from viser import GuiApi
@@ -146,7 +148,7 @@ class LookControls:
                 hint="error: distance to the same clip of the first source that is no prediction",
             )
             self._limit = gui.add_number("scale to", 1.0, min=1e-3, step=0.1, visible=False)
-            self._bar = gui.add_image(scale_bar(_BAR_WIDTH, 1.0), format="png", visible=False)
+            self._bar = gui.add_html("", visible=False)
             self._crossings = gui.add_checkbox(
                 "crossing edges",
                 False,
@@ -197,12 +199,19 @@ class LookControls:
     def show(self, look: Look, facts: Sequence[Facts], note: str) -> None:
         """Show the bar of the scale, and what is said of the frame."""
         scaled = look.colours in UNITS
-        if scaled and (look.limit, look.colours) != getattr(self, "_bar_of", None):
-            self._bar.image = scale_bar(_BAR_WIDTH, look.limit, UNITS[look.colours])
-            self._bar_of = look.limit, look.colours
+        if scaled:
+            self._bar.content = _bar(look.limit, UNITS[look.colours])
         self._bar.visible = self._limit.visible = scaled
         self._unmark.visible = look.mark is not None
         self._facts.content = _text(facts, note)
+
+
+@lru_cache(maxsize=1)
+def _bar(limit: float, unit: str) -> str:
+    """The scale as HTML; viser's own pictures may be gone before a busy browser has loaded them, which it logs."""
+    png = base64.b64encode(png_bytes(scale_bar(_BAR_WIDTH, limit, unit))).decode()
+    text = f"colours from 0 to {limit:g} {unit}"
+    return f"<img alt='{text}' style='display:block;margin:auto' src='data:image/png;base64,{png}'>"
 
 
 def _text(facts: Sequence[Facts], note: str) -> str:
