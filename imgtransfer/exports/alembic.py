@@ -19,6 +19,7 @@ from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 from imgtransfer.data.clip import Clip
 from imgtransfer.exports.materials import parts_of
 from imgtransfer.exports.objects import MovingObject, objects_of
+from imgtransfer.exports.room import check_room
 from render.files.atomic import written_whole
 
 
@@ -39,15 +40,32 @@ def written_alembic(path: Path, *, step: int = 1) -> Iterator[Callable[[Clip], N
 
 
 class _Archive:
-    """An archive that grows frame by frame."""
+    """An archive that grows frame by frame.
+
+    Where the disk is full the library ends the process, even when it only closes its file: it is opened, and given
+    frames, when there is room for them and for the end, which grows with the frames.
+    """
 
     def __init__(self, file: Path, step: int) -> None:
-        self.archive, self.step = Abc.OArchive(str(file)), step
+        self.file, self.step, self.done = file, step, 0
+        self.archive: Any = None
         self.meshes: dict[str, Any] = {}
 
     def add(self, part: Clip) -> None:
-        """Add the next frames."""
-        for thing in objects_of(part):
+        """Add the next frames.
+
+        Raises:
+            OSError: there is no room for them.
+        """
+        self.done += part.n_frames
+        objects = objects_of(part)
+        sizes = [12 * part.n_frames * len(thing.surface.vertices) for thing in objects]
+        if self.archive is None:  # the first part has polygons and texture coordinates, too
+            sizes += [64 * len(thing.surface.faces) for thing in objects]
+        check_room(self.file, sum(sizes) + 1024 * self.done)
+        if self.archive is None:
+            self.archive = Abc.OArchive(str(self.file))
+        for thing in objects:
             frames = thing.of_file(part)
             if thing.name not in self.meshes:
                 self.meshes[thing.name] = AbcGeom.OPolyMesh(self.archive.getTop(), thing.name)

@@ -15,6 +15,7 @@ import numpy as np
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.mesh_output import save_obj
 from imgtransfer.exports.objects import MovingObject, objects_of
+from render import Mesh
 from render.files.atomic import written_whole
 from render.files.point_caches import mdd_header, pc2_header
 
@@ -28,11 +29,12 @@ def written_caches(path: Path, *, n_frames: int, step: int = 1) -> Iterator[Call
         n_frames: that will come, T. step: what their numbers in the clip count by.
     """
     files: dict[str, IO[bytes]] = {}
+    moved: dict[Path, Mesh] = {}  # by where its OBJ is written, once all frames are
     number = ">f4" if path.suffix.lower() == ".mdd" else "<f4"
     with ExitStack() as stack:
 
         def begin(thing: MovingObject, target: Path, fps: float) -> IO[bytes]:
-            save_obj(target.with_suffix(".obj"), thing.rest)
+            moved[target.with_suffix(".obj")] = thing.rest
             file = stack.enter_context(stack.enter_context(written_whole(target)).open("wb"))
             points = len(thing.surface.vertices)
             if number == ">f4":
@@ -51,3 +53,5 @@ def written_caches(path: Path, *, n_frames: int, step: int = 1) -> Iterator[Call
                 files[thing.name].write(thing.of_file(part).astype(number).tobytes())
 
         yield add
+        for target, mesh in moved.items():
+            save_obj(target, mesh)

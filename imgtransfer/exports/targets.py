@@ -19,7 +19,7 @@ def check_target(path: Path) -> None:
 
     Raises:
         InputError: an ending that is not known, an extra that is not installed, a folder that is there already, or a
-            folder in place of a file.
+            folder in place of a file, or an OBJ that the one beside a point cache would replace.
     """
     ending = path.suffix.lower()
     if ending and ending not in ENDINGS:
@@ -31,6 +31,14 @@ def check_target(path: Path) -> None:
         raise InputError(f"{path}: exists already; give the name of a new folder")
     if ending and path.is_dir():
         raise InputError(f"{path}: is a folder; wanted is the name of a {ending} file")
+    if ending in CACHES:
+        for name in (path, path.with_name(f"{path.stem}_body{path.suffix}")):
+            beside = name.with_suffix(".obj")
+            if beside.exists() and not name.exists():  # not from an earlier export
+                raise InputError(
+                    f"{beside}: exists already and would be replaced by the mesh that {name.name} moves; choose "
+                    "another name"
+                )
     if ending in USD:
         check_installed("usd", f"{path}: writing USD", "pxr")
     if ending == ".abc":

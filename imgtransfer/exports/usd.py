@@ -19,6 +19,7 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.texture_files import store_texture, writer_into
 from imgtransfer.exports.materials import Material, parts_of
 from imgtransfer.exports.objects import MovingObject, objects_of
+from imgtransfer.exports.room import check_room
 from render import InputError
 from render.files.atomic import written_whole
 
@@ -35,8 +36,11 @@ def written_usd(path: Path, *, n_frames: int, step: int = 1) -> Iterator[Callabl
     Args:
         path: ends in .usd or .usdc (binary), .usda (text) or .usdz (with its textures in one file).
         n_frames: that will come, T. step: what their numbers in the clip count by.
+
+    Raises:
+        InputError: USD could not write it; where the disk is full mostly an OSError comes first.
     """
-    with written_whole(path) as temporary:
+    with written_whole(path) as temporary, _errors_naming(path):
         if path.suffix.lower() != ".usdz":
             stage = _Stage(temporary, path.parent, n_frames, step)
             yield stage.add
@@ -53,6 +57,15 @@ def written_usd(path: Path, *, n_frames: int, step: int = 1) -> Iterator[Callabl
             shutil.copyfile(packed, temporary)
 
 
+@contextmanager
+def _errors_naming(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except Tf.ErrorException as error:
+        said = str(error).strip().splitlines()[-1].split(" : ")[-1]  # it begins with places in USD's source
+        raise InputError(f"{path}: USD could not write it: {said}") from error
+
+
 class _Stage:
     """A stage that grows frame by frame; what was added is on the disk after each part, but for .usda.
 
@@ -61,7 +74,7 @@ class _Stage:
     """
 
     def __init__(self, file: Path, folder: Path, n_frames: int, step: int) -> None:
-        self.folder, self.step, self.done = folder, step, 0
+        self.file, self.folder, self.step, self.done = file, folder, step, 0
         self.last = (n_frames - 1) * step
         self.stage = Usd.Stage.CreateNew(str(file))
         self.meshes: dict[str, Any] = {}
@@ -71,6 +84,7 @@ class _Stage:
         """Add the next frames."""
         if not self.meshes:
             self._begin(part)
+        check_room(self.file, self._size(part))
         for thing in objects_of(part):
             mesh = self.meshes[thing.name]
             points, extent = mesh.GetPointsAttr(), mesh.GetExtentAttr()
@@ -81,6 +95,15 @@ class _Stage:
         self.done += part.n_frames
         if self.binary:
             self.stage.Save()
+
+    def _size(self, part: Clip) -> int:
+        """About how many bytes the file grows by: polygons with the first part, points with each."""
+        counts = [(len(thing.surface.vertices), len(thing.surface.faces)) for thing in objects_of(part)]
+        per_number = 4 if self.binary else 14
+        return sum(
+            per_number * (3 * vertices * part.n_frames + (0 if self.done else 8 * faces))
+            for vertices, faces in counts
+        )
 
     def save(self) -> None:
         """Write what is left, and let go of the file."""

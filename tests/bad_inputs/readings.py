@@ -25,6 +25,7 @@ CLIPS = (
     Reading("inspect", "inspect clip.npz", _CLIP, writes=()),
     Reading("inspect-page", "inspect clip.npz --html out/page.html", _CLIP),
     Reading("export-glb", "export clip.npz --out out/a.glb", _CLIP),
+    Reading("export-usd", "export clip.npz --out out/a.usd", _CLIP),
     Reading("export-frames", "export clip.npz --out out/a --frames-as ply", _CLIP),
     Reading("import", "import clip.npz --split train --to out", _CLIP),
     Reading("fuse-body", f"fuse --maps maps.npz --body clip.npz --config fusion.yaml {_OUT}", _CLIP),

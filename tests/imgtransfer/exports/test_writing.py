@@ -17,6 +17,7 @@ from render.files.mesh_files import load_mesh
 from render.files.point_caches import open_cache
 from render.files.sequence import open_sequence
 from render.mesh.surface import Surface
+from tests.helpers.full_disk import full_disk
 from tests.helpers.scenes import Usd, UsdGeom
 
 SCENES = (".usd", ".usda", ".usdz", ".abc")
@@ -160,8 +161,35 @@ def test_nothing_is_left_of_what_failed(ending: str, tube_clip: Clip, tmp_path: 
     with pytest.raises(RuntimeError, match="stopped"):
         fail()
     assert not target.exists()
-    left = {path.suffix for path in target.parent.iterdir()}
-    assert left <= {".obj"}  # what a cache moves is whole
+    assert not list(target.parent.iterdir())
+
+
+@pytest.mark.parametrize("ending", [*ENDINGS, ""])
+def test_a_full_disk_is_an_error_that_names_the_file(ending: str, tube_clip: Clip, tmp_path: Path) -> None:
+    target = tmp_path / f"out/walk{ending}"
+    with full_disk(4096), pytest.raises((OSError, InputError), match="walk"):
+        write(target, tube_clip)
+    assert not target.exists()
+    assert not list(target.parent.iterdir())
+
+
+@pytest.mark.parametrize("ending", [".usd", ".abc"])
+def test_a_disk_that_fills_up_while_frames_come_is_an_error_of_one_line(
+    ending: str, tube_clip: Clip, tmp_path: Path
+) -> None:
+    target = tmp_path / f"walk{ending}"
+    moving = tube_clip.garment.vertices + np.random.default_rng(0).random((6, 192, 3)).astype(np.float32)
+    long = replace(tube_clip, garment=Garment(moving))
+
+    def fill() -> None:
+        with written_animation(target, n_frames=600) as add:
+            for _ in range(100):
+                add(long)
+
+    with full_disk(200_000), pytest.raises((OSError, InputError), match="walk") as caught:
+        fill()
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("name", "message"), [
@@ -175,6 +203,14 @@ def test_targets_that_cannot_be_written(name: str, message: str, tmp_path: Path)
         (tmp_path / there).mkdir()
     with pytest.raises(InputError, match=message):
         check_target(tmp_path / name)
+
+
+def test_the_mesh_beside_a_cache_replaces_no_other(tube_clip: Clip, tmp_path: Path) -> None:
+    write(tmp_path / "walk.mdd", tube_clip)
+    write(tmp_path / "walk.mdd", tube_clip)  # its own
+    (tmp_path / "shirt_body.obj").touch()
+    with pytest.raises(InputError, match=r"shirt_body\.obj: exists already and would be replaced"):
+        check_target(tmp_path / "shirt.pc2")
 
 
 def test_options_of_other_forms_are_refused(tube_clip: Clip, tmp_path: Path) -> None:
