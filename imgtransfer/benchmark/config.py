@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from annotated_types import Unit
 from pydantic import ConfigDict, Field, model_validator
 
-from imgtransfer.config.schema import Section
+from imgtransfer.config.schema import Ratio, Section
 from imgtransfer.deformers.config import MethodRunConfig, parse_run_config
 from imgtransfer.deformers.registry import NETWORK
 from imgtransfer.evaluation.config import EvaluateConfig
@@ -105,7 +105,7 @@ class BenchmarkConfig(Section):
     robustness: Robustness | None = Field(
         None, description="Also measure how far each garment moves when one joint is turned; null does not."
     )
-    data_sizes: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = Field(
+    data_sizes: tuple[Annotated[Ratio, Field(gt=0, lt=1)], ...] = Field(
         (),
         description="Also fit every method to these parts of the training clips; the smaller lie in the larger.",
     )

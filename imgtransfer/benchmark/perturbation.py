@@ -116,12 +116,20 @@ def _middles(rest: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def _owners(rest: np.ndarray, weights: np.ndarray, joints: np.ndarray, parents: np.ndarray) -> np.ndarray:
-    """(K,) int: of each bone, the joint whose limb is nearest: from it to each child; of a last one, itself."""
-    children = [(int(parent), number) for number, parent in enumerate(parents) if parent >= 0]
-    last = [(number, number) for number in range(len(parents)) if number not in set(parents.tolist())]
-    limbs = np.array(children + last)
-    start, end = joints[limbs[:, 0]].astype(np.float64), joints[limbs[:, 1]].astype(np.float64)
+    """(K,) int: of each bone, the joint whose limb is nearest.
+
+    Its limbs go from it to each of its children; that of a last one goes on as long and straight as the one before.
+    """
+    places = joints.astype(np.float64)
+    inner = [(int(parent), places[number]) for number, parent in enumerate(parents) if parent >= 0]
+    last = [
+        (number, 2 * places[number] - places[max(int(parents[number]), 0)])
+        for number in range(len(parents))
+        if number not in set(parents.tolist())
+    ]
+    owners = np.array([owner for owner, _ in inner + last])
+    start, end = places[owners], np.array([point for _, point in inner + last])
     along, offset = end - start, _middles(rest, weights)[:, None] - start
     part = np.clip((offset * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0, 1)
-    distance = np.linalg.norm(offset - part[..., None] * along, axis=-1)
-    return limbs[distance.argmin(1), 0]
+    nearest: np.ndarray = np.linalg.norm(offset - part[..., None] * along, axis=-1).argmin(1)
+    return owners[nearest]
