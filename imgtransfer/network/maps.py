@@ -143,13 +143,11 @@ class BodyImager:
         """
         positions, normals = metric_maps(self.imager, vertices)
         images = ImagePair.encode(positions, normals, self.mask, self.box)
-        if skinned is not None:
-            return self._skinned(images, skinned)
-        if self._guess is None:
-            return BodyMaps(images, None)
-        guess = self._guess(positions, normals, shape)
-        if self.view is None:
-            return BodyMaps(images, guess)
+        guess, worn = (None, None) if skinned is None else self._skinned(skinned)
+        if self._guess is not None:
+            guess = self._guess(positions, normals, shape)
+        if self.view is None or guess is None:
+            return BodyMaps(images, guess, garment=worn)
         samples = self.view.samples(vertices)[:, None]
         if earlier is not None:
             samples = torch.cat([samples, earlier], dim=1)
@@ -157,8 +155,8 @@ class BodyImager:
             up = vertices.new_tensor([[0.0, 1.0, 0.0]]).expand(len(vertices), 3)
         return BodyMaps(images, guess, self.view(samples, guess, up, shape))
 
-    def _skinned(self, images: ImagePair, skinned: Tensor) -> BodyMaps:
-        """Images of the body, with the skinned garment (B, N, 12) as the first guess or in place of the template."""
+    def _skinned(self, skinned: Tensor) -> tuple[Guess | None, ImagePair | None]:
+        """The skinned garment (B, N, 12) as the first guess, and as images in place of the template; what is asked for."""
         config, garment = self._config, self._garment
         positions, normals = metric_maps(garment, skinned[..., :3].contiguous())
         guess = worn = None
@@ -167,7 +165,7 @@ class BodyImager:
             guess = Guess(positions, normals, linear if config.frame == "body" else None)
         if config.garment == "skinned":
             worn = ImagePair.encode(positions, normals, garment.mask.to(positions.device), self.box)
-        return BodyMaps(images, guess, garment=worn)
+        return guess, worn
 
 
 def covered(maps: BodyMaps, garment: ImagePair | TemplateView) -> Tensor:

@@ -86,6 +86,18 @@ def test_the_skinned_garment_is_shown_in_place_of_the_template(tube_clip: Clip) 
         assert not torch.allclose(ours.positions, model(replace(maps, garment=None)).positions)
 
 
+def test_a_residual_of_networks_that_see_the_skinned_garment_has_its_first_guess(tube_clip: Clip) -> None:
+    bodies = torch.from_numpy(root_frames(tube_clip, "root").to_canonical(tube_clip.body.vertices))
+    plain = model_for(tube_clip, PLAIN | {"target": "residual"})
+    shown = model_for(tube_clip, REFINED | {"target": "residual"})
+    maps = shown.body_imager(tube_clip)(bodies, skinned=skinned(tube_clip))
+    wanted = plain.body_imager(tube_clip)(bodies).guess
+    assert maps.garment is not None
+    assert maps.guess is not None
+    assert wanted is not None
+    assert torch.equal(maps.guess.positions, wanted.positions)
+
+
 @pytest.mark.parametrize("network", [CANONICAL, REFINED], ids=["canonical", "refined"])
 def test_it_is_trained_and_predicted_mirrored(
     network: dict[str, object], tube_clip: Clip, tmp_path: Path
