@@ -74,10 +74,10 @@ def run_modes(
     )
     probed = run_tasks(probe, probes, executor=executor, name=_name, say=_nothing, unit="measure")
     modes.failures = measured.failures | probed.failures
-    for task in probes:
-        if probed.values.get(task.name):
-            row = {"data": task.fit.data.name, "method": task.fit.label, "values": probed.values[task.name]}
-            modes.tables.setdefault(task.kind, []).append(row)
+    for asked in probes:
+        if values := probed.values.get(asked.name):
+            row = {"data": asked.fit.data.name, "method": asked.fit.label, "values": values}
+            modes.tables.setdefault(asked.kind, []).append(row)
     for section, key, task in again:
         if task.name in measured.values:
             row = _row(task, measured.values[task.name], key)

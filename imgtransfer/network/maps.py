@@ -156,7 +156,7 @@ class BodyImager:
         return BodyMaps(images, guess, self.view(samples, guess, up, shape))
 
     def _skinned(self, skinned: Tensor) -> tuple[Guess | None, ImagePair | None]:
-        """The skinned garment (B, N, 12) as the first guess, and as images in place of the template; what is asked for."""
+        """The skinned garment (B, N, 12) as first guess, and as images in place of the template, as far as wanted."""
         config, garment = self._config, self._garment
         positions, normals = metric_maps(garment, skinned[..., :3].contiguous())
         guess = worn = None
