@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
@@ -59,7 +59,7 @@ class AblationConfig(Section):
         NetworkMethod(), description="The section `method` of a training that all rows begin with."
     )
     rows: tuple[AblationRow, ...] = Field(min_length=1, description="Rows of the table.")
-    seeds: tuple[int, ...] = Field(
+    seeds: tuple[Annotated[int, Field(ge=0, lt=2**31)], ...] = Field(
         (0,), min_length=1, description="Each row is trained once with each of them; the spread is over them."
     )
     threads: int = Field(1, ge=1, le=1024, description="CPU threads of every training and prediction.")
@@ -68,8 +68,8 @@ class AblationConfig(Section):
     @field_validator("seeds")
     @classmethod
     def _seeds_differ(cls, seeds: tuple[int, ...]) -> tuple[int, ...]:
-        if len(set(seeds)) < len(seeds) or min(seeds) < 0:
-            raise ValueError("seeds must be different numbers from 0 on")
+        if len(set(seeds)) < len(seeds):
+            raise ValueError("seeds must be different numbers")
         return seeds
 
     @model_validator(mode="after")

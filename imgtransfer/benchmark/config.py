@@ -112,7 +112,7 @@ class BenchmarkConfig(Section):
     variants: tuple[Variants, ...] = Field(
         (), description="Also fit methods with other values of one setting."
     )
-    rollouts: tuple[Annotated[int, Unit("frames")] | None, ...] = Field(
+    rollouts: tuple[Annotated[int, Unit("frames"), Field(ge=1)] | None, ...] = Field(
         (),
         description="Also measure roll-outs of these lengths, null to the clip's end, from true frames, of the methods "
         "that predict a frame from those before it.",
@@ -123,8 +123,6 @@ class BenchmarkConfig(Section):
         for name, values in (("data_sizes", self.data_sizes), ("rollouts", self.rollouts)):
             if len(set(values)) != len(values):
                 raise ValueError(f"{name}: a value stands there twice")
-        if any(length is not None and length < 1 for length in self.rollouts):
-            raise ValueError("rollouts: lengths are whole numbers from 1, or null")
         for one in self.variants:
             if one.method not in self.labels():
                 raise ValueError(

@@ -44,11 +44,20 @@ def put(control: object, value: object) -> None:
     control.value = value  # type: ignore[attr-defined]
 
 
+# A test in the background inherits that Ctrl-C is ignored.
+PROGRAM = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from imgtransfer.cli.main import main
+sys.exit(main())
+"""
+
+
 @contextmanager
 def running(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """`imgtransfer view` with these arguments on a free port; yields the process and the page's address."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "imgtransfer.cli.main", "view", "--port", "0", "--no-browser", *words]
+    command = [sys.executable, "-c", PROGRAM, "view", "--port", "0", "--no-browser", *words]
     process = subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

@@ -121,7 +121,7 @@ def test_export_of_an_animation(tmp_path: Path, data: Path) -> None:
 def test_export_refuses_unknown_endings_and_folders_in_use(
     tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert ".npz or .glb" in one_error_line(
+    assert "ends in .npz, .glb, .usd" in one_error_line(
         capsys, "export", data, "--clip", "tube/bend", "--out", tmp_path / "a.fbx"
     )
     assert "exists already" in one_error_line(

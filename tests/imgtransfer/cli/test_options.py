@@ -76,9 +76,9 @@ def test_export_chooses_a_clip_by_pattern_and_split(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--out", "x.npz", "--step", "2"], "--step 2: a .npz holds every frame"),
-        (["--out", "x.npz", "--frames-as", "ply"], "--frames-as ply: goes with a folder"),
-        (["--out", "x.glb", "--frames-as", "obj"], "--frames-as obj: goes with a folder"),
+        (["--out", "x.npz", "--step", "2"], "--step=2: a .npz holds every frame"),
+        (["--out", "x.npz", "--frames-as", "ply"], "--frames-as=ply: goes with a folder"),
+        (["--out", "x.glb", "--frames-as", "obj"], "--frames-as=obj: goes with a folder"),
     ],
 )
 def test_export_refuses_what_would_do_nothing(

@@ -152,8 +152,11 @@ def test_a_field_says_what_it_means_and_takes(model: type[BaseModel], name: str)
     assert field.description.endswith(".")
     words = type_words(field)
     if "number" in words:
-        assert any(word in words for word in ("above", "from", "below", "up to")) or name == "betas"
-    if "a number" in words:  # whole numbers count what they are named for
+        assert any(word in words for word in ("above", "from", "below", "up to")) or name in (
+            "betas",
+            "values",
+        )
+    if "a number" in words and name != "values":  # whole numbers count what they are named for
         assert unit_of(field) is not None
     key = depends_on(field)
     assert key is None or key in model.model_fields
@@ -191,6 +194,7 @@ def test_every_key_of_a_schema_is_printed_with_its_default_description_and_range
     needed = {
         "train": {"data": {"source": "x"}},
         "benchmark": {"data": [{"name": "shirt", "source": "x"}], "methods": [{"name": "lbs"}]},
+        "ablate": {"data": {"source": "x"}, "rows": [{"label": "whole"}]},
     }.get(command, {})
     for key, values in needed.items():
         content[key] = content[key] | values if key in content else values
@@ -222,7 +226,9 @@ CONFIGURATIONS = [
 
 @pytest.mark.parametrize("path", CONFIGURATIONS)
 def test_committed_configurations_read_back_as_they_are_printed(path: Path) -> None:
-    command = {"data": "simulate", "benchmark": "benchmark"}.get(path.parent.name, "train")
+    command = {"data": "simulate", "benchmark": "benchmark", "ablation": "ablate"}.get(
+        path.parent.name, "train"
+    )
     schema = run_schema(read_yaml(path)) if command == "train" else SCHEMAS[command]
     config = load_config(schema, path)
     for text in (commented_yaml(schema, config), to_yaml(config)):

@@ -97,7 +97,7 @@ def test_library_code_speaks_no_command_line() -> None:
             }
             for node in ast.walk(tree):
                 text = node.value if isinstance(node, ast.Constant) and id(node) not in docstrings else None
-                if isinstance(text, str) and re.search(r"(^|[\s(,;])--[a-z]", text):
+                if isinstance(text, str) and re.search(r"(^|[\s,;]|(?<!\bvar)\()--[a-z]", text):
                     flags.append(f"{file.relative_to(ROOT)}:{node.lineno}: {text}")
                 if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print":
                     flags.append(f"{file.relative_to(ROOT)}:{node.lineno}: print")
