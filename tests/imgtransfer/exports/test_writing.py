@@ -113,7 +113,7 @@ def test_the_header_of_a_cache_is_the_formats(tube_clip: Clip, tmp_path: Path) -
     wanted = b"POINTCACHE2\0" + np.array([1, 192], "<i4").tobytes()
     wanted += np.array([0, 4], "<f4").tobytes() + np.array([2], "<i4").tobytes()
     assert path.read_bytes()[:32] == wanted
-    path = write(tmp_path / "a.mdd", tube_clip, step=4)
+    path = write(tmp_path / "b.mdd", tube_clip, step=4)
     head = np.array([2, 192], ">i4").tobytes() + np.array([0, 4 / 30], ">f4").tobytes()
     assert path.read_bytes()[:16] == head
 
