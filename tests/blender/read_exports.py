@@ -4,7 +4,8 @@
 
 OUT/NAME.npz for each FILE: `frames` (the scene's first and last), `fps`, `objects` (names), and for each mesh object at
 FRAMES its vertices in world coordinates as Blender has them (metres, z up), its triangles, its texture coordinates by
-corner, and the material of each triangle. Point caches come in as an artist brings them in: the OBJ, then a Mesh Cache.
+corner, and the material of each triangle; `images` are the widths and heights of what was loaded. Point caches come in
+as an artist brings them in: the OBJ, then a Mesh Cache.
 """
 
 from __future__ import annotations
@@ -29,6 +30,10 @@ def open_file(path: Path) -> None:
         bpy.ops.wm.alembic_import(filepath=str(path), set_frame_range=True, as_background_job=False)
     elif ending.startswith(".usd"):
         bpy.ops.wm.usd_import(filepath=str(path), set_frame_range=True)
+    elif ending == ".obj":
+        bpy.ops.wm.obj_import(filepath=str(path))
+    elif ending == ".ply":
+        bpy.ops.wm.ply_import(filepath=str(path))
     else:
         for cache in sorted(path.parent.glob(f"*{ending}")):
             bpy.ops.wm.obj_import(filepath=str(cache.with_suffix(".obj")))
@@ -43,6 +48,7 @@ def main(out: Path, files: list[Path]) -> None:
         scene, found = bpy.context.scene, {}
         meshes = [thing for thing in scene.objects if thing.type == "MESH"]
         found["objects"] = np.array(sorted(thing.name for thing in meshes))
+        found["images"] = np.array([tuple(image.size) for image in bpy.data.images]).reshape(-1, 2)
         found["range"] = np.array([scene.frame_start, scene.frame_end])
         found["fps"] = np.float64(scene.render.fps / scene.render.fps_base)
         for frame in FRAMES:

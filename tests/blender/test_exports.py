@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from tests.blender.blender_python import run_blender
 
 pytestmark = pytest.mark.long
 
-ENDINGS = (".glb", ".usd", ".usdz", ".abc", ".pc2", ".mdd")
+ENDINGS = (".glb", ".usd", ".usda", ".usdz", ".abc", ".pc2", ".mdd")
 FRAMES = (0, 1, 2, 4, 5)
 
 
@@ -55,11 +56,15 @@ def opened(clip: Clip, folder: Path) -> dict[str, dict[str, np.ndarray]]:
         files.append(folder / ending[1:] / f"walk{ending}")
         with written_animation(files[-1], n_frames=clip.n_frames) as add:
             add(clip)
+    for kind in ("obj", "ply"):
+        with written_animation(folder / kind, n_frames=clip.n_frames, frames_as=kind) as add:
+            add(clip)
+        files += sorted((folder / kind).glob(f"*_[0-9]*.{kind}"))
     run_blender(Path(__file__).with_name("read_exports.py"), folder, *files)
     found = {}
     for file in files:
         with np.load(folder / f"{file.name}.npz") as arrays:
-            found[file.suffix] = dict(arrays)
+            found[file.suffix if file.stem == "walk" else file.name] = dict(arrays)
     return found
 
 
@@ -101,12 +106,40 @@ def test_vertices_are_where_they_were(
             )
 
 
-@pytest.mark.parametrize("ending", [".usd", ".usdz", ".abc"])
+@pytest.mark.parametrize("ending", [".usd", ".usda", ".usdz", ".abc"])
 def test_the_scene_has_the_clip_s_frames_and_rate(
     ending: str, clip: Clip, opened: dict[str, dict[str, np.ndarray]]
 ) -> None:
     assert opened[ending]["range"].tolist() == [0, clip.n_frames - 1]
     assert opened[ending]["fps"] == pytest.approx(clip.fps)
+
+
+@pytest.mark.parametrize("ending", [ending for ending in ENDINGS if ending != ".abc"])  # which has no images
+def test_the_texture_is_there(ending: str, opened: dict[str, dict[str, np.ndarray]]) -> None:
+    assert [3, 2] in opened[ending]["images"].tolist()
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply"])
+def test_files_of_a_folder_are_single_frames(
+    kind: str, clip: Clip, folder: Path, opened: dict[str, dict[str, np.ndarray]]
+) -> None:
+    surface = clip.template.surface
+    assert surface is not None
+    assert clip.garment is not None
+    wanted = {"garment": surface.of_file(clip.garment.vertices), "body": clip.body.vertices}
+    for thing, frame in product(wanted, FRAMES):
+        name = f"{thing}_{frame:04d}"
+        found = opened[f"{name}.{kind}"]
+        x, y, z = wanted[thing][frame].T
+        placed = (
+            np.stack([x, -z, y], axis=1) if kind == "obj" else wanted[thing][frame]
+        )  # PLY is taken as it is
+        assert found["objects"].tolist() == [name]
+        if kind == "ply" and thing == "garment":  # Blender may cut at seams
+            placed, seen = placed[surface.faces], found[f"{name}_0"][found[f"{name}_faces"]]
+        else:
+            seen = found[f"{name}_0"]
+        np.testing.assert_allclose(seen, placed, atol=1e-5)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
