@@ -61,6 +61,9 @@ browser() {
     system_packages "opening pages in tests" chromium
 }
 
+# In which tests parse the completion.
+zsh_shell() { command -v zsh >/dev/null || system_packages "testing completion in zsh" zsh; }
+
 setup() {
   local extras=$1 root stamp want python
   root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)

@@ -73,8 +73,7 @@ def test_zsh_has_every_command(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_zsh_parses_it(tmp_path: Path) -> None:
     zsh = shutil.which("zsh")
-    if zsh is None:
-        pytest.skip("no zsh on this machine")
+    assert zsh is not None, "scripts/test installs zsh"
     (tmp_path / "_imgtransfer").write_text(completion_of("zsh"))
     subprocess.run([zsh, "-n", tmp_path / "_imgtransfer"], check=True, timeout=60)
 
