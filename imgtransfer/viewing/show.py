@@ -57,6 +57,9 @@ class Show:
         self._figures: list[Figure] = []
         self._live_figure: Figure | None = None
         self._last: tuple[object, ...] = ()
+        self._unreadable = (
+            False  # the clip that was asked for; what the page says of it stays until another is
+        )
         server.scene.on_click()(self._clicked)
 
     def notify(self) -> None:
@@ -90,6 +93,8 @@ class Show:
             InputError: what is asked for cannot be read.
         """
         self._load()
+        if self._unreadable:
+            return
         self._take_picks()
         self._draw()
 
@@ -110,12 +115,13 @@ class Show:
         self._showings = showings
         for figure in self._figures:
             figure.remove()
-        self._figures, self._last = [], ()
+        self._figures, self._last, self._unreadable = [], (), True
         motions = motions_of(showings, truth_of(showings))
         self._figures = [
             Figure(self._server.scene, f"/clip/{number}", motion, self._pointed)
             for number, motion in enumerate(motions)
         ]
+        self._unreadable = False
         if new_clip:
             self._look.mark, self._look.scaled = None, "cloth"
             self._clock.start(max(motion.n_frames for motion in motions), motions[0].fps)
