@@ -97,9 +97,21 @@ def _begin(schema: Any, thing: MovingObject, frame: np.ndarray, seconds: float) 
         values, scope = imath.V2fArrayFromBuffer(uvs), AbcGeom.GeometryScope.kFacevaryingScope
         arguments.append(AbcGeom.OV2fGeomParamSample(values, indices, scope))
     schema.set(AbcGeom.OPolyMeshSchemaSample(*arguments))
+    used: set[str] = set()
     for material, faces in parts_of(thing.name, surface):
-        face_set, numbers = schema.createFaceSet(material.name), _ints(faces)
+        face_set, numbers = schema.createFaceSet(_free_name(material.name, used)), _ints(faces)
         face_set.getSchema().set(AbcGeom.OFaceSetSchemaSample(numbers))
+
+
+def _free_name(name: str, used: set[str]) -> str:
+    """A name that Alembic takes, and none of `used`, which it is added to: a slash would begin an object within one."""
+    first = free = name.replace("/", "_") or "material"
+    number = 1
+    while free in used:
+        number += 1
+        free = f"{first}_{number}"
+    used.add(free)
+    return free
 
 
 def _vectors(values: np.ndarray) -> Any:

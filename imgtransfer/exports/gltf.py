@@ -19,7 +19,7 @@ import torch
 from imgtransfer.data.clip import Clip
 from imgtransfer.exports.materials import IMAGES, Material, parts_of
 from imgtransfer.exports.objects import COLOURS, MovingObject, objects_of
-from imgtransfer.exports.seams import cut_at_seams
+from imgtransfer.exports.seams import Seamed, cut_at_seams
 from render import InputError, Option
 from render.files.atomic import written_whole
 from render.mesh.normals import vertex_normals
@@ -92,6 +92,7 @@ class _Document:
         self.first: dict[
             str, tuple[np.ndarray, np.ndarray]
         ] = {}  # vertices and normals of each object at first
+        self.seamed: dict[str, Seamed] = {}
         self.targets: dict[str, list[dict[str, int]]] = {}
         self.json: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": "imgtransfer"},
@@ -105,7 +106,9 @@ class _Document:
         faces = torch.from_numpy(np.asarray(thing.rest.faces, np.int64))
         normals = vertex_normals(torch.from_numpy(vertices), faces).numpy()
         normals[(normals == 0).all(-1)] = (0, 1, 0)  # glTF wants unit vectors even where there is no area
-        used = cut_at_seams(thing.surface).vertices
+        if thing.name not in self.seamed:
+            self.seamed[thing.name] = cut_at_seams(thing.surface)
+        used = self.seamed[thing.name].vertices
         frames = list(zip(vertices[:, used], normals[:, used], strict=True))
         if thing.name not in self.first:
             self.first[thing.name] = frames.pop(0)
@@ -120,7 +123,7 @@ class _Document:
         ]
 
     def _add_mesh(self, thing: MovingObject, vertices: np.ndarray, normals: np.ndarray) -> None:
-        seamed = cut_at_seams(thing.surface)
+        seamed = self.seamed[thing.name]
         attributes = {
             "POSITION": self._add(vertices, _VERTICES, bounds=True),
             "NORMAL": self._add(normals, _VERTICES),

@@ -18,7 +18,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdUtils, Vt
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.texture_files import store_texture, writer_into
 from imgtransfer.exports.materials import Material, parts_of
-from imgtransfer.exports.objects import MovingObject, objects_of
+from imgtransfer.exports.objects import COLOURS, MovingObject, objects_of
 from imgtransfer.exports.room import check_room
 from render import InputError
 from render.files.atomic import written_whole
@@ -155,7 +155,10 @@ class _Stage:
                 UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(shaded)
 
     def _material(self, material: Material, object_name: str) -> Any:
-        """A preview surface; its path has a name that USD allows, its display name is the material's own."""
+        """A preview surface, of the object's colour where no other is described.
+
+        Its path has a name that USD allows, its display name is the material's own.
+        """
         name, number = Tf.MakeValidIdentifier(material.name), 1
         place = f"{_ROOT}/materials/{name}"
         while self.stage.GetPrimAtPath(place):
@@ -169,8 +172,7 @@ class _Stage:
         shader.CreateInput("opacity", Sdf.ValueTypeNames.Float).Set(float(material.opacity))
         colour = shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
         if material.image is None:
-            if material.colour is not None:
-                colour.Set(Gf.Vec3f(*material.colour))
+            colour.Set(Gf.Vec3f(*(material.colour or COLOURS[object_name][:3])))
         else:
             colour.ConnectToSource(self._texture(place, material.image).ConnectableAPI(), "rgb")
         return made

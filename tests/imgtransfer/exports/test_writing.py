@@ -12,6 +12,7 @@ import pytest
 from imgtransfer.data.clip import Clip, load_clip
 from imgtransfer.data.clip_parts import Garment
 from imgtransfer.exports import ENDINGS, check_target, written_animation
+from imgtransfer.exports.objects import COLOURS
 from render import InputError, Option
 from render.files.mesh_files import load_mesh
 from render.files.point_caches import open_cache
@@ -75,6 +76,25 @@ def test_corners_keep_coordinates_and_materials(ending: str, dressed: Clip, tmp_
     named = [seen.materials[number] for number in seen.face_materials]
     wanted = [surface.materials[number] for number in surface.face_materials]
     assert [name.replace("_", " ") for name in named] == wanted  # USD's names have no spaces
+
+
+@pytest.mark.parametrize("ending", [".usd", ".abc"])
+def test_names_that_a_form_does_not_take_are_changed(ending: str, dressed: Clip, tmp_path: Path) -> None:
+    surface = replace(dressed.template.surface, materials=("a/b", "a_b"), mtl="")
+    found = open_sequence(
+        write(tmp_path / f"walk{ending}", dressed.with_surface(surface)), which=Option("mesh", "garment")
+    ).mesh
+    assert sorted(found.surface.materials) == ["a_b", "a_b_2"]
+    wanted = [number == surface.face_materials[0] for number in surface.face_materials]
+    seen = found.surface.face_materials
+    assert [number == seen[0] for number in seen] == wanted
+
+
+def test_an_object_without_materials_has_its_own_colour(tube_clip: Clip, tmp_path: Path) -> None:
+    stage = Usd.Stage.Open(str(write(tmp_path / "walk.usda", tube_clip)))
+    for name, colour in COLOURS.items():
+        shader = stage.GetPrimAtPath(f"/clip/materials/{name}/surface")
+        assert tuple(shader.GetAttribute("inputs:diffuseColor").Get()) == pytest.approx(colour[:3])
 
 
 def test_a_stage_says_what_it_is(dressed: Clip, tmp_path: Path) -> None:
