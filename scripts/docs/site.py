@@ -69,7 +69,7 @@ def _arguments(command: argparse.ArgumentParser) -> Iterator[str]:
         choices = f" ({', '.join(map(str, action.choices))})" if action.choices else ""
         values = {"prog": command.prog, "default": action.default, "dest": action.dest}
         text = " ".join((action.help or "").replace("|", "\\|").split()) % values
-        yield f"| `{names}`{choices} | {text}{' Required.' if action.required and action.option_strings else ''} |"
+        yield f"| `{names}`{choices} | {text}{'; required' if action.required and action.option_strings else ''} |"
     yield ""
 
 

@@ -35,8 +35,10 @@ def commands(text: str) -> list[list[str]]:
 
 def blocks(text: str) -> str:
     """The shell of a page: what stands between fences of shell, or is indented and begins with our command."""
-    fenced = re.findall(r"^```(?:bash|sh|shell|console)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    joined = "".join(fenced).replace("\\\n", " ")
+    fenced = re.findall(r"^```(?:bash|sh|shell)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    sessions = re.findall(r"^```console\n(.*?)^```", text, re.MULTILINE | re.DOTALL)  # with what is printed
+    typed = re.findall(r"^(\$ .*\n)", "".join(sessions), re.MULTILINE)
+    joined = "".join([*fenced, *typed]).replace("\\\n", " ")
     indented = re.findall(r"^ {4}(imgtransfer .*)$", text.replace("\\\n", " "), re.MULTILINE)
     return "\n".join([joined, *indented])
 
