@@ -18,6 +18,7 @@ from imgtransfer.ablation.table import markdown
 from imgtransfer.benchmark.machine import machine
 from imgtransfer.benchmark.measure import (
     PREDICTIONS,
+    RUN,
     MethodResult,
     MethodTask,
     MethodVariants,
@@ -25,6 +26,7 @@ from imgtransfer.benchmark.measure import (
     standing_result,
     write_result,
 )
+from imgtransfer.benchmark.run import data_facts
 from imgtransfer.data.source import clip_refs
 from imgtransfer.deformers.fit import clips_fingerprint
 from imgtransfer.evaluation.metrics import evaluate_clip, mean_over_frames
@@ -79,7 +81,7 @@ def run_ablations(configs: Mapping[str, AblationConfig], out: Path, *, executor:
         for row in config.rows
         for seed in config.seeds
     }
-    facts = {name: _facts(config) for name, config in configs.items()}
+    facts = {name: data_facts(config.data) for name, config in configs.items()}
     trained = run_tasks(
         measure,
         list({task.folder: task for task in tasks.values()}.values()),
@@ -131,7 +133,7 @@ def measure_terms(task: TermsTask) -> MethodResult:
     choice, folder = task.fit.data.test, task.fit.folder
     refs = clip_refs(task.fit.data.source, split=choice.split, names=choice.names, exclude=choice.exclude)
     clips = [ref.load() for ref in refs]
-    parts = [model_fingerprint(folder / "run"), clips_fingerprint(clips), task.terms]
+    parts = [model_fingerprint(folder / RUN), clips_fingerprint(clips), task.terms]
     made = fingerprint([*parts, json.dumps(task.fit.evaluate.model_dump())])
     file = folder / f"terms_{_slug(task.terms)}.json"
     if (standing := standing_result(file, made)) is not None:
@@ -172,19 +174,6 @@ def _task(config: AblationConfig, row: AblationRow, seed: int, out: Path) -> Met
         evaluate=config.evaluate,
         threads=config.threads,
     )
-
-
-def _facts(config: AblationConfig) -> dict[str, Any]:
-    train, test = (
-        clip_refs(config.data.source, split=choice.split, names=choice.names, exclude=choice.exclude)
-        for choice in (config.data.train, config.data.test)
-    )
-    return {
-        "source": str(config.data.source),
-        "train": [ref.name for ref in train],
-        "test": [ref.name for ref in test],
-        "fingerprint": clips_fingerprint(ref.load() for ref in (*train, *test)),
-    }
 
 
 def _write(out: Path, results: Mapping[str, Any]) -> None:

@@ -56,7 +56,7 @@ def run_benchmark(
         KeyboardInterrupt: after Ctrl-C or SIGTERM, once what is done is saved.
     """
     tasks = benchmark_tasks(config, out, source=source, only=only, predictions=predictions or {})
-    data = {one.name: _facts(one) for one in config.data}
+    data = {one.name: data_facts(one) for one in config.data}
     done = run_tasks(
         measure, tasks, executor=executor, name=lambda task: task.name, say=MethodResult.line, unit="method"
     )
@@ -183,7 +183,7 @@ def _candidates(tasks: Sequence[MethodTask], data: BenchmarkData, ref: ClipRef) 
     return candidates
 
 
-def _facts(data: BenchmarkData) -> dict[str, Any]:
+def data_facts(data: BenchmarkData) -> dict[str, Any]:
     """What the results say of the clips: their names, and one fingerprint of all of them."""
     train, test = _refs(data, data.train), _refs(data, data.test)
     both = sorted({ref.name for ref in train} & {ref.name for ref in test})

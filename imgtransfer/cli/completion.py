@@ -40,9 +40,8 @@ def completion_of(shell: str) -> str:
     parser = build_parser()
     for action in _actions(parser):
         if isinstance(action, argparse._SubParsersAction):
-            for (
-                one
-            ) in action._choices_actions:  # zsh shows the description beside the name, where a line has room
+            # zsh shows the description beside the name, where a line has room
+            for one in action._choices_actions:
                 action.choices[one.dest].description = one.help
         if action.choices is None and _is_file(action):
             action.complete = shtab.FILE  # type: ignore[attr-defined]  # where shtab looks for it

@@ -57,9 +57,8 @@ class Show:
         self._figures: list[Figure] = []
         self._live_figure: Figure | None = None
         self._last: tuple[object, ...] = ()
-        self._unreadable = (
-            False  # the clip that was asked for; what the page says of it stays until another is
-        )
+        # Whether the clip that was asked for is; what the page says of it stays until another is asked for.
+        self._unreadable = False
         server.scene.on_click()(self._clicked)
 
     def notify(self) -> None:

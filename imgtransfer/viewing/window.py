@@ -12,10 +12,8 @@ from render import MapFile, Maps
 
 Part = TypeVar("Part")
 
-_FRAMES, _MOST_FRAMES = (
-    16,
-    64,
-)  # of a clip that are read together; fewer than 16 or more than 64 only by chunks
+# Of a clip, that are read together; fewer or more only by chunks.
+_FRAMES, _MOST_FRAMES = 16, 64
 _MAP_FRAMES = 2  # of maps, which are some hundred times larger
 _KEPT = 4  # parts that stay in memory
 

@@ -36,10 +36,8 @@ from imgtransfer.pipeline.folder import MAPS_FILE, clip_of_folder, predicted_cli
 from render import InputError, MapFile, TemplateImager, load_maps
 
 SOLVERS = ("local_global", "adam")
-_SHOWN = {
-    "edge lengths": "+ edge lengths",
-    "rendered normals": "+ rendered normals",
-}  # added to the line before
+# Rows that add to the line before.
+_SHOWN = {"edge lengths": "+ edge lengths", "rendered normals": "+ rendered normals"}
 COLUMNS = {
     "rmse_mm": "RMSE (mm)",
     "hausdorff_mm": "Hausdorff (mm)",
