@@ -17,7 +17,7 @@ METHODS = {
     "lbs": "the template skinned with the weights of the nearest body vertices",
     "position_only": "vertices read from the position maps of the model that this demo trained",
     "fused": "the same model's position and normal maps, fused",
-    "fused_pretrained": "the fusion of the maps of a checkpoint that comes with the project, trained for longer: "
+    "fused_pretrained": "the fusion of the maps of a checkpoint that comes with the project, made from more clips: "
     "configs/pretrained for the T-shirt, configs/general for other garments",
 }
 Metrics = dict[str, dict[str, float]]  # by method, what `evaluate_clip` returns
