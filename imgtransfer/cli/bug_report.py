@@ -10,8 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
-from imgtransfer.cli.doctor import Part
-from imgtransfer.cli.machine import cores
+from imgtransfer.cli.machine import Part, cores
 
 PROJECT = "imgtransfer"
 # The only variables that are shown: they change what is computed or how fast, and hold no secrets.

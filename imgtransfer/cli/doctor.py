@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import platform
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
-from imgtransfer.cli.machine import number_types, threads, vector_units
+from imgtransfer.cli.machine import Part, number_types, threads, vector_units
 from render import InputError
 
 OPTIONAL = {  # what for, and the extra of this project that installs it
@@ -27,19 +26,6 @@ CORE = (
     "opencv-contrib-python-headless",
     "kornia",
 )
-
-
-@dataclass(frozen=True)
-class Part:
-    """What was found out about one part of the machine.
-
-    Args:
-        lines: names and what they are, in order.
-        problem: what without it nothing works for, and what to do; None where it works.
-    """
-
-    lines: tuple[tuple[str, str], ...]
-    problem: str | None = None
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> argparse.ArgumentParser:

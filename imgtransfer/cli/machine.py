@@ -1,9 +1,10 @@
-"""What this machine's processor does well, in words, for `imgtransfer doctor`."""
+"""What is said of this machine, part by part, and what its processor does well, for `imgtransfer doctor`."""
 
 from __future__ import annotations
 
 import os
 import platform
+from dataclasses import dataclass
 from pathlib import Path
 
 from imgtransfer.running.waiting import waiting_in_words
@@ -19,6 +20,19 @@ UNITS = {  # flag of /proc/cpuinfo -> what people call it
     "sve": "SVE",
     "bf16": "ARM BF16",
 }
+
+
+@dataclass(frozen=True)
+class Part:
+    """What was found out about one part of the machine.
+
+    Args:
+        lines: names and what they are, in order.
+        problem: what without it nothing works for, and what to do; None where it works.
+    """
+
+    lines: tuple[tuple[str, str], ...]
+    problem: str | None = None
 
 
 def cores() -> int:

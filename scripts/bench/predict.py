@@ -164,7 +164,7 @@ def _predicted(model: TransferModel, source: ClipRef, folder: Path) -> tuple[flo
             (InitialWeights, "__call__", "vertices"),
             (Predictor, "shown", "shown"),
             (Predictor, "predicted", "predicted"),
-            (predict, "_map_file", "maps"),
+            (predict, "maps_of", "maps"),
         )
     ]
     replaced.append((predict, "written_maps", stages.writer("writing_maps", predict.written_maps)))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from imgtransfer.cli import bug_report
-from imgtransfer.cli.doctor import Part
+from imgtransfer.cli.machine import Part
 from imgtransfer.cli.main import main
 
 
