@@ -65,6 +65,14 @@ class HeadConfig(Section):
         4.0, gt=0, le=100, description="Length of the kernel, in typical distances between frames."
     )
     ridge: Ratio = Field(3e-3, gt=0, le=1e6, description="Strength of the regularisation.")
+    choice_steps: int = Field(
+        30,
+        ge=0,
+        le=1000,
+        description="Steps of a descent on the error of clips that are left out, from these two values: how much each "
+        "ring of places around a patch and each time counts, the strength, and how much the networks that a run begins "
+        "with. 0: all count alike.",
+    )
 
 
 class NetworkConfig(Section):

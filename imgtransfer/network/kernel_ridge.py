@@ -43,7 +43,7 @@ def fit_ridge(
     *,
     support: np.ndarray,
     group: np.ndarray,
-    smoothness: float,
+    width: float,
     ridge: float,
 ) -> Regression:
     """Fit targets, and again without each group of samples.
@@ -53,12 +53,11 @@ def fit_ridge(
         targets: (N, R).
         support: (M,) int, which samples are support.
         group: (N,) int in [0, G), the samples that are left out together.
-        smoothness: the kernel's length in typical distances between samples.
+        width: squared length by which distances are divided, see `matern`; `typical_width` of the samples, say.
         ridge: strength of the regularisation; the kernel is 1 at distance 0.
     """
     features, targets = features.astype(np.float64), targets.astype(np.float64)
     centres = features[support]
-    width = _typical(centres) * 2 * smoothness**2
     own = matern(squared_distances(centres, centres), width)
     own[np.diag_indices(len(own))] += _JITTER
     root = cholesky(own, lower=True, overwrite_a=True, check_finite=False)
@@ -93,9 +92,14 @@ def squared_distances(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.maximum(squared, 0, out=squared)
 
 
-def _typical(features: np.ndarray) -> float:
-    """The median squared distance between different samples; 1 where all are equal."""
+def typical_width(features: np.ndarray, smoothness: float) -> float:
+    """The width of a kernel whose length is `smoothness` typical distances between samples (N, D)."""
     some = features[:: -(-len(features) // _FOR_WIDTH)]
-    apart = squared_distances(some, some)[np.triu_indices(len(some), 1)]
+    return typical_distance(squared_distances(some, some)) * 2 * smoothness**2
+
+
+def typical_distance(squared: np.ndarray) -> float:
+    """The median of the squared distances (N, N) between different samples; 1 where all are equal."""
+    apart = squared[np.triu_indices(len(squared), 1)]
     median = float(np.median(apart)) if len(apart) else 0.0
     return median if median > 0 else 1.0

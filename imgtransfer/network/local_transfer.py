@@ -125,6 +125,12 @@ class LocalTransferNet(nn.Module):
         return patches_to_images(self.patches(tokens, local[:, shown]), shown)
 
     @torch.no_grad()
+    def weaken(self, factor: float) -> None:
+        """Multiply all residuals that it gives by a factor."""
+        self.to_patch.weight.mul_(factor)
+        self.to_patch.bias.mul_(factor)
+
+    @torch.no_grad()
     def calibrate(self, typical: Sequence[Tensor]) -> None:
         """Take the features' scale at each place and time from typical frames.
 

@@ -29,6 +29,11 @@ def places() -> tuple[np.ndarray, np.ndarray]:
     return offsets, widths
 
 
+def ring_of_place() -> np.ndarray:
+    """(K,) int64: which shell each place is on, from the patch's centre outwards."""
+    return np.repeat(np.arange(len(_SHELLS_M)), [len(shell) for shell in _directions()])
+
+
 def mirrored_places() -> np.ndarray:
     """(K,) int64: which place is the mirror image of each in the plane x = 0."""
     offsets, _ = places()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -15,11 +15,13 @@ from imgtransfer.network.base import Guess
 from imgtransfer.network.config import HeadConfig
 from imgtransfer.network.head_patches import Patches, mirrored_pixels, template_patches
 from imgtransfer.network.kernel_head import HeadSizes, KernelHead, LeftOut, head_features
-from imgtransfer.network.kernel_ridge import fit_ridge
+from imgtransfer.network.kernel_ridge import fit_ridge, typical_width
 from imgtransfer.network.local_view import mirrored_features
 from imgtransfer.network.maps import BodyMaps, ImagePair
+from imgtransfer.network.places import ring_of_place
 from imgtransfer.running.task import in_worker
 from imgtransfer.training.divergence import Diverged
+from imgtransfer.training.head_choice import Choice, choose
 from imgtransfer.training.sampler import Frames
 from render import PositionBox, decode_normals
 from render.errors import said_by
@@ -31,7 +33,7 @@ GROUPS = 5  # of clips, each left out once
 _BATCH = 16
 _STEPS_BACK = 4
 
-Batch = Callable[[Tensor], tuple[BodyMaps, ImagePair]]
+Batch = Callable[[Tensor], tuple[BodyMaps, ImagePair, Guess | None]]
 
 
 class HeadFit:
@@ -43,7 +45,8 @@ class HeadFit:
         mask: (S, H, W) bool, its silhouette. covered: (S, rows, columns) bool, the tokens that show any of it.
         box: of the encoded positions.
         mirror: whether each frame counts mirrored, too; all views are from the front or the back.
-        batch: what the networks are shown of frames (B,), without a head, and the true images.
+        batch: what the networks are shown of frames (B,), without a head, the true images, and where the run begins
+            with trained networks, what those predict.
     """
 
     def __init__(
@@ -71,8 +74,8 @@ class HeadFit:
         index: Tensor,
         group: Tensor,
         progress: Callable[[list[Tensor]], Iterable[Tensor]] = iter,
-    ) -> tuple[KernelHead, LeftOut]:
-        """Fit a head, and one without each group.
+    ) -> tuple[KernelHead, LeftOut, Choice]:
+        """Fit a head, and one without each group; what was chosen for them.
 
         Args:
             typical: (A,) int64, frames that directions and images are found from.
@@ -81,32 +84,34 @@ class HeadFit:
             progress: wraps batches of `index`, such as tqdm.
         """
         batches = list(index.split(_BATCH))
-        head = self._unfitted(typical, len(index))
-        parts = [self._samples(head, some) for some in progress(batches)]
+        head, choice = self._unfitted(typical, group, len(index))
+        parts = [self._samples(head, some, choice.reliance) for some in progress(batches)]
         features, values = (torch.cat(of, dim=1).cpu().numpy() for of in zip(*parts, strict=True))
-        groups = torch.cat([group[some].repeat(1 + self._mirror) for some in batches]).numpy()
+        groups = self._groups(batches, group)
         count = features.shape[1]
         support = np.linspace(0, count - 1, head.sizes.support).round().astype(np.int64)
-        options = self._config
         fits = [
-            fit_ridge(
-                its, wanted, support=support, group=groups, smoothness=options.smoothness, ridge=options.ridge
-            )
-            for its, wanted in zip(features, values, strict=True)
+            fit_ridge(its, wanted, support=support, group=groups, width=float(width), ridge=choice.ridge)
+            for its, wanted, width in zip(features, values, head.width, strict=True)
         ]
         head.support.copy_(torch.from_numpy(features[:, support]))
-        head.width.copy_(torch.tensor([fit.width for fit in fits]))
         weights = torch.from_numpy(np.stack([fit.weights for fit in fits], axis=1)).to(head.weights)
         offsets = torch.from_numpy(np.stack([fit.offsets for fit in fits], axis=1)).to(head.offset)
         head.weights.copy_(weights[0])
         head.offset.copy_(offsets[0])
-        return head, LeftOut(weights[1:].clone(), offsets[1:].clone(), group)
+        return head, LeftOut(weights[1:].clone(), offsets[1:].clone(), group), choice
 
-    def _unfitted(self, typical: Tensor, frames: int) -> KernelHead:
+    def _groups(self, batches: Sequence[Tensor], group: Tensor) -> np.ndarray:
+        """What samples of batches, see `_seen`, are left out with."""
+        return torch.cat([group[some].repeat(1 + self._mirror) for some in batches]).numpy()
+
+    def _unfitted(self, typical: Tensor, group: Tensor, frames: int) -> tuple[KernelHead, Choice]:
         """A head with all but its support: mean and axes of features, base and principal images of residuals."""
-        parts = [self._seen(some) for some in typical.split(_BATCH)]
-        features, residuals = (torch.cat(of) for of in zip(*parts, strict=True))
-        count = len(features)
+        batches = list(typical.split(_BATCH))
+        parts = [self._seen(some) for some in batches]
+        features, wanted, predicted = (torch.cat(of) for of in zip(*parts, strict=True))
+        choice = self._choice(features, wanted, predicted, self._groups(batches, group))
+        residuals, count = wanted - choice.reliance * predicted, len(features)
         sizes = HeadSizes(
             features=features.shape[-1],
             axes=min(AXES, count, features.shape[-1]),
@@ -117,45 +122,75 @@ class HeadFit:
         head = KernelHead(self._patches, self._mask, sizes).to(self._mask.device)
         head.mean.copy_(_as_stored(features.mean(0)))
         head.base.copy_(residuals.mean(0))
+        factors = choice.factors.to(features)[:, None]
         first = 0
         for number, pixels in enumerate(self._patches.pixels):
             own = features[:, number] - head.mean[number]
-            head.axes[number] = _as_stored(principal(own, sizes.axes))
+            head.width[number] = typical_width(own.double().cpu().numpy(), self._config.smoothness)
+            head.axes[number] = _as_stored(factors * principal(own * factors[:, 0], sizes.axes))
             at = torch.from_numpy(pixels).to(residuals.device)
             left = residuals[:, at] - head.base[at]
             rows = slice(first, first := first + len(pixels))
             for basis, part in ((head.position_basis, left[..., :3]), (head.normal_basis, left[..., 3:])):
                 basis[rows] = principal(part.flatten(1), basis.shape[-1]).unflatten(0, (-1, 3))
-        return head
+        return head, choice
 
-    def _samples(self, head: KernelHead, index: Tensor) -> tuple[Tensor, Tensor]:
+    def _choice(self, features: Tensor, wanted: Tensor, predicted: Tensor, group: np.ndarray) -> Choice:
+        """How much features, regularisation and networks count; positions and normals weigh alike."""
+        scale = (
+            (wanted - wanted.mean(0)).unflatten(-1, (2, 3)).square().mean((0, 1, 3)).sqrt().clamp(min=1e-9)
+        )
+        scale = scale.repeat_interleave(3)
+        pixels = [torch.from_numpy(at).to(wanted.device) for at in self._patches.pixels]
+        return choose(
+            features,
+            [(wanted[:, at] / scale).flatten(1) for at in pixels],
+            [(predicted[:, at] / scale).flatten(1) for at in pixels] if predicted.any() else None,
+            rings=rings(features.shape[-1]),
+            group=group,
+            smoothness=self._config.smoothness,
+            ridge=self._config.ridge,
+            steps=self._config.choice_steps,
+        )
+
+    def _samples(self, head: KernelHead, index: Tensor, reliance: float) -> tuple[Tensor, Tensor]:
         """Frames, and then the same mirrored: features (P, n, D) and the values wanted (P, n, R)."""
-        seen, residuals = self._seen(index)
-        features, values = _as_stored(head.features(seen)), head.wanted(residuals)
+        seen, wanted, predicted = self._seen(index)
+        features, values = _as_stored(head.features(seen)), head.wanted(wanted - reliance * predicted)
         if self._mirror:
             for samples in (features, values):
                 samples[self._alone, len(index) :] = samples[self._alone, : len(index)]
         return features, values
 
-    def _seen(self, index: Tensor) -> tuple[Tensor, Tensor]:
-        """Frames, and then the same mirrored: features (n, P, F), and residuals (n, L, 6) in the guess's axes."""
-        body, truth = self._batch(index)
+    def _seen(self, index: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Frames, and then the same mirrored: features (n, P, F); residuals (n, L, 6) in the guess's axes, and how much
+        of them networks predict.
+        """
+        body, truth, predicted = self._batch(index)
         assert body.guess is not None  # the configuration sees to both
         assert body.local is not None
-        positions = self._box.decode(truth.positions) - body.guess.positions
-        normals = decode_normals(truth.normals) - body.guess.normals
-        both = torch.cat([turned_back(body.guess, images) for images in (positions, normals)], dim=-1)
-        residuals, features = both[:, self._mask], head_features(body.local, self._tokens)
+        decoded = self._box.decode(truth.positions), decode_normals(truth.normals)
+        wanted = self._from_guess(body.guess, *decoded)
+        given = torch.zeros_like(wanted)
+        if predicted is not None:
+            given = self._from_guess(body.guess, predicted.positions, predicted.normals)
+        features = head_features(body.local, self._tokens)
         if not self._mirror:
-            return features, residuals
-        sign = residuals.new_tensor([-1.0, 1.0, 1.0]).repeat(2)
+            return features, wanted, given
+        sign = wanted.new_tensor([-1.0, 1.0, 1.0]).repeat(2)
         mirrored = head_features(mirrored_features(body.local), self._tokens)
-        return torch.cat([features, mirrored]), torch.cat([residuals, residuals[:, self._other] * sign])
+        wanted, given = (torch.cat([images, images[:, self._other] * sign]) for images in (wanted, given))
+        return torch.cat([features, mirrored]), wanted, given
+
+    def _from_guess(self, guess: Guess, positions: Tensor, normals: Tensor) -> Tensor:
+        """(B, S, H, W, 3) each -> (B, L, 6), from the first guess's to these, in its axes."""
+        parts = [turned_back(guess, positions - guess.positions), turned_back(guess, normals - guess.normals)]
+        return torch.cat(parts, dim=-1)[:, self._mask]
 
 
 def fit_head(
     model: TransferModel, frames: Frames, batch: Batch, *, covered: Tensor, mirror: bool
-) -> tuple[KernelHead, LeftOut]:
+) -> tuple[KernelHead, LeftOut, Choice]:
     """Fit the head of a model to training frames, with a bar.
 
     Args:
@@ -182,13 +217,20 @@ def fit_head(
         "`imgtransfer inspect`"
     )
     try:
-        head, left_out = fit(frames.spread(TYPICAL_FRAMES), frames.spread(MOST_FRAMES), group, bar)
+        head, left_out, choice = fit(frames.spread(TYPICAL_FRAMES), frames.spread(MOST_FRAMES), group, bar)
     except (np.linalg.LinAlgError, torch.linalg.LinAlgError) as error:
         raise Diverged(f"network.head cannot be fitted ({said_by(error)}); {advice}") from error
     for name, value in (*head.state_dict().items(), *left_out.tensors().items()):
         if not bool(value.isfinite().all()):
             raise Diverged(f"network.head cannot be fitted: its {name} would not be finite; {advice}")
-    return head, left_out
+    return head, left_out, choice
+
+
+def rings(features: int) -> Tensor:
+    """(F,) int64, which ring of places and which time each feature of a head tells of: those that count alike."""
+    ring = torch.from_numpy(ring_of_place())
+    times = features // (3 * len(ring))
+    return (ring[:, None] * times + torch.arange(times))[..., None].expand(-1, -1, 3).flatten()
 
 
 def turned_back(guess: Guess, vectors: Tensor) -> Tensor:

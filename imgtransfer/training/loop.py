@@ -241,7 +241,14 @@ def _data(trainer: Trainer) -> dict[str, int]:
 
 
 def _begun_with(trainer: Trainer) -> dict[str, str | float]:
-    """What the log says of the model that the run began with."""
-    if trainer.init_mark is None:
-        return {}
-    return {"init": str(trainer.config.training.init), "init_sha256": trainer.init_mark}
+    """What the log says of the model that the run began with, and of the head that was fitted first."""
+    entry: dict[str, str | float] = {}
+    if trainer.init_mark is not None:
+        entry |= {"init": str(trainer.config.training.init), "init_sha256": trainer.init_mark}
+    if (choice := trainer.head_choice) is not None:
+        entry |= {
+            "head_ridge": choice.ridge,
+            "head_reliance": choice.reliance,
+            "head_left_out_error": choice.error,
+        }
+    return entry

@@ -12,7 +12,9 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from imgtransfer.network.base import Guess
 from imgtransfer.network.kernel_head import LeftOut
+from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
@@ -21,6 +23,7 @@ from imgtransfer.training.checkpoint import MODEL_FILE, fingerprint, save_model
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.divergence import LossWatch
 from imgtransfer.training.geometry import measure_geometry
+from imgtransfer.training.head_choice import Choice
 from imgtransfer.training.head_fit import fit_head, left_out_groups
 from imgtransfer.training.image_losses import ImageLosses
 from imgtransfer.training.kept import BEST_FILE, Best, keep_checkpoint
@@ -81,6 +84,7 @@ class Trainer:
             self.model = trained_model(config, self.train_frames, options.init).to(self.device)
         self.init_mark = None if options.init is None else fingerprint(options.init)
         self._left_out: LeftOut | None = None
+        self.head_choice: Choice | None = None  # of this process, if it fitted a head
         frames = (self.train_frames, self.validation_frames)
         self._outfits = {id(some): Outfits(self.model, some, mirrored=options.mirror) for some in frames}
         for clip in chain(*self.validation_frames.outfits):
@@ -114,7 +118,8 @@ class Trainer:
     def fit_head(self) -> None:
         """Fit what corrects the first guess, where the configuration wants that; before the first step.
 
-        Where the run begins with a trained model, it is fitted to what that model's networks leave: they add up.
+        Where the run begins with a trained model, it is fitted to what that model's networks leave, and these give less
+        where that lowers the error of clips left out: they add up.
 
         Raises:
             InputError: damaged data, or a fit that gives no finite numbers.
@@ -128,15 +133,22 @@ class Trainer:
             )
         garment = self._outfits[id(self.train_frames)][0].garment
         assert isinstance(garment, TemplateView)  # the configuration sees to it
-        head, left_out = fit_head(
+        head, left_out, choice = fit_head(
             self.model,
             self.train_frames,
             self._batch_of_init,
             covered=garment.covered[0],
             mirror=self.config.training.mirror,
         )
-        self.processes.take_from_main([*head.state_dict().values(), *left_out.tensors().values()])
-        self.model.head, self._left_out = head, left_out
+        self.processes.take_from_main([*left_out.tensors().values()])
+        self.model.head, self._left_out, self.head_choice = head, left_out, choice
+        if choice.reliance != 1:
+            for network in (self.model.position_net, self.model.normal_net):
+                assert isinstance(network, LocalTransferNet)  # the configuration sees to it
+                network.weaken(choice.reliance)
+        self.processes.take_from_main(self.model.state_dict().values())
+        if self._average is not None:
+            self._average = WeightAverage(self.model, self._average.decay)
 
     def train_step(self) -> dict[str, float]:
         """One optimisation step of both networks, on the next frames of all processes.
@@ -248,21 +260,17 @@ class Trainer:
         return body, ImagePair.encode(positions, normals, outfit.model.mask, outfit.model.box)
 
     @torch.no_grad()
-    def _batch_of_init(self, index: Tensor) -> tuple[BodyMaps, ImagePair]:
-        """`batch` of training frames, with what the networks that the run begins with predict as the first guess."""
+    def _batch_of_init(self, index: Tensor) -> tuple[BodyMaps, ImagePair, Guess | None]:
+        """`batch` of training frames, and what the networks predict that the run begins with, metres and unit."""
         body, truth = self.batch(self.train_frames, index)
         if self.config.training.init is None:
-            return body, truth  # the networks begin with 0
+            return body, truth, None  # the networks begin with 0
         outfit = self._outfit(self.train_frames, index)
         assert body.guess is not None  # the configuration sees to it
         self.model.eval()
         images = predicted_images(outfit, body)
-        guess = replace(
-            body.guess,
-            positions=outfit.model.box.decode(images.positions),
-            normals=decode_normals(images.normals),
-        )
-        return replace(body, guess=guess), truth
+        positions, normals = outfit.model.box.decode(images.positions), decode_normals(images.normals)
+        return body, truth, replace(body.guess, positions=positions, normals=normals)
 
     def validate(self) -> dict[str, float]:
         """Mean errors over the covered pixels of frames spread over the validation clips (`Validation`)."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from imgtransfer.network.kernel_ridge import fit_ridge, matern, squared_distances
+from imgtransfer.network.kernel_ridge import fit_ridge, matern, squared_distances, typical_width
 
 
 def samples(count: int = 40) -> tuple[np.ndarray, np.ndarray]:
@@ -27,7 +27,7 @@ def test_two_samples_by_hand() -> None:
         np.array([[1.0], [3.0]]),
         support=np.arange(2),
         group=np.zeros(2, np.int64),
-        smoothness=1.0,
+        width=typical_width(np.array([[0.0], [1.0]]), smoothness=1.0),
         ridge=0.5,
     )
     r = math.sqrt(1.5)
@@ -40,7 +40,7 @@ def test_two_samples_by_hand() -> None:
 
 def test_plain_loops_give_the_same() -> None:
     features, targets = samples(20)
-    fit = fit_ridge(features, targets, **everything(20), smoothness=1.5, ridge=0.01)
+    fit = fit_ridge(features, targets, **everything(20), width=typical_width(features, 1.5), ridge=0.01)
     pairs = [
         sum((a - b) ** 2 for a, b in zip(features[i], features[j], strict=True))
         for i in range(20)
@@ -61,7 +61,7 @@ def test_plain_loops_give_the_same() -> None:
 
 def test_without_regularisation_the_samples_are_met() -> None:
     features, targets = samples()
-    fit = fit_ridge(features, targets, **everything(40), smoothness=1.0, ridge=1e-9)
+    fit = fit_ridge(features, targets, **everything(40), width=typical_width(features, 1.0), ridge=1e-9)
     np.testing.assert_allclose(fit(features, features), targets, rtol=0, atol=1e-5)
 
 
@@ -69,7 +69,7 @@ def test_some_samples_as_support_minimise_what_they_shall() -> None:
     """Any other sum of kernels at the support has larger errors at all samples and norm together."""
     features, targets = samples()
     chosen = everything(40) | {"support": np.arange(0, 40, 4)}
-    fit = fit_ridge(features, targets, **chosen, smoothness=1.0, ridge=0.1)
+    fit = fit_ridge(features, targets, **chosen, width=typical_width(features, 1.0), ridge=0.1)
     centres = features[chosen["support"]]
     own = matern(squared_distances(centres, centres), fit.width)
     kernel = matern(squared_distances(features, centres), fit.width)
@@ -87,9 +87,9 @@ def test_a_group_left_out_has_no_influence_and_the_rest_is_fitted_as_if_it_were_
     features, targets = samples()
     options = everything(40)
     outside = options["group"] != 2
-    fit = fit_ridge(features, targets, **options, smoothness=1.0, ridge=0.01)
+    fit = fit_ridge(features, targets, **options, width=typical_width(features, 1.0), ridge=0.01)
     changed = np.where(outside[:, None], targets, 1e3)
-    again = fit_ridge(features, changed, **options, smoothness=1.0, ridge=0.01)
+    again = fit_ridge(features, changed, **options, width=typical_width(features, 1.0), ridge=0.01)
     np.testing.assert_allclose(again.weights[3], fit.weights[3], rtol=1e-9)
     np.testing.assert_array_equal(again.offsets[3], fit.offsets[3])
     assert np.abs(again.weights[0] - fit.weights[0]).max() > 1
@@ -105,12 +105,12 @@ def test_a_group_left_out_has_no_influence_and_the_rest_is_fitted_as_if_it_were_
 
 def test_samples_that_are_all_equal_give_their_mean() -> None:
     features, targets = np.ones((6, 2)), np.arange(6.0)[:, None]
-    fit = fit_ridge(features, targets, **everything(6), smoothness=1.0, ridge=1e-3)
+    fit = fit_ridge(features, targets, **everything(6), width=typical_width(features, 1.0), ridge=1e-3)
     np.testing.assert_allclose(fit(features[:1], features), [[2.5]], atol=1e-6)
 
 
 def test_a_batch_equals_its_singles() -> None:
     features, targets = samples()
-    fit = fit_ridge(features, targets, **everything(40), smoothness=1.0, ridge=0.01)
+    fit = fit_ridge(features, targets, **everything(40), width=typical_width(features, 1.0), ridge=0.01)
     singles = np.concatenate([fit(features[k : k + 1], features) for k in range(4)])
     np.testing.assert_allclose(fit(features[:4], features), singles, rtol=1e-9)

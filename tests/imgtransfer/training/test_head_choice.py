@@ -1,0 +1,106 @@
+"""What counts how much in a kernel head, against planted truths, a plain loop and degenerate samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from imgtransfer.network.kernel_ridge import fit_ridge, typical_width
+from imgtransfer.training.head_choice import _Problem, choose
+from imgtransfer.training.head_fit import rings
+
+RINGS = torch.tensor([0, 0, 1, 1, 2])
+GROUP = np.arange(60) // 12
+
+
+def samples(seed: int = 0) -> tuple[Tensor, Tensor]:
+    """60 samples of one patch, whose residual depends on the second ring alone."""
+    random = np.random.default_rng(seed)
+    features = random.normal(size=(60, 1, 5)).astype(np.float32)
+    wanted = np.stack([np.sin(features[:, 0, 2]), features[:, 0, 3]], axis=1)
+    return torch.from_numpy(features), torch.from_numpy(wanted)
+
+
+def chosen(features: Tensor, wanted: Tensor, predicted: Tensor | None = None, **changes: object):
+    options = {"rings": RINGS, "group": GROUP, "smoothness": 2.0, "ridge": 0.01, "steps": 30} | changes
+    return choose(features, [wanted], None if predicted is None else [predicted], **options)
+
+
+def test_the_ring_that_tells_most_counts_most() -> None:
+    features, wanted = samples()
+    before, after = chosen(features, wanted, steps=1), chosen(features, wanted)
+    assert after.error < 0.5 * before.error
+    assert after.factors[2] == after.factors[3]
+    assert after.factors[2] > 2 * after.factors[0]
+    assert after.factors[2] > 2 * after.factors[4]
+    assert after.reliance == 1
+
+
+def test_the_first_error_is_that_of_regressions_fitted_to_the_other_groups() -> None:
+    features, wanted = samples()
+    own, targets = features[:, 0].double().numpy(), wanted.double().numpy()
+    fit = fit_ridge(
+        own,
+        targets,
+        support=np.arange(60),
+        group=GROUP,
+        width=typical_width(own, 2.0),
+        ridge=0.01,
+    )
+    errors = [fit(own[left == GROUP], own, which=1 + left) - targets[left == GROUP] for left in range(5)]
+    centred = targets - targets.mean(0)
+    expected = np.square(np.concatenate(errors)).sum() / np.square(centred).sum()
+    assert chosen(features, wanted, steps=1).error == pytest.approx(expected, rel=1e-4)
+
+
+def test_networks_count_as_much_as_they_are_right() -> None:
+    """They predict half of something that the features say nothing of, and as much that is wrong."""
+    features, wanted = samples()
+    random = np.random.default_rng(1)
+    unseen, wrong = (torch.from_numpy(random.normal(size=(60, 2))).float() for _ in range(2))
+    result = chosen(features, wanted + 2 * unseen, unseen + wrong, steps=120)
+    assert result.reliance == pytest.approx(1.0, abs=0.3)
+    assert chosen(features, wanted + unseen, unseen + wrong, steps=120).reliance == pytest.approx(
+        0.5, abs=0.2
+    )
+    assert abs(chosen(features, wanted, wrong, steps=120).reliance) < 0.2
+
+
+def test_gradients_of_the_left_out_error() -> None:
+    random = torch.Generator().manual_seed(2)
+    points = torch.randn(9, 3, dtype=torch.float64, generator=random)
+    distances = torch.stack(
+        [torch.cdist(points[:, k : k + 1], points[:, k : k + 1]).square() for k in range(3)]
+    )
+    wanted, predicted = torch.randn(2, 9, 2, dtype=torch.float64, generator=random)
+    problem = _Problem(distances, wanted, predicted)
+    groups = [torch.arange(k, 9, 3) for k in range(3)]
+
+    def error(logarithms: Tensor, ridge: Tensor, reliance: Tensor) -> Tensor:
+        return problem.left_out_error(logarithms.exp(), ridge.exp(), reliance, groups)
+
+    start = [torch.zeros(3), torch.tensor(-2.0), torch.tensor(0.7)]
+    assert torch.autograd.gradcheck(error, [value.double().requires_grad_() for value in start])
+
+
+@pytest.mark.parametrize("changes", [{"steps": 0}, {"group": np.zeros(60, np.int64)}])
+def test_nothing_is_chosen_without_steps_or_groups(changes: dict[str, object]) -> None:
+    result = chosen(*samples(), **changes)
+    assert (result.factors == 1).all()
+    assert (result.ridge, result.reliance) == (0.01, 1.0)
+
+
+def test_samples_that_are_all_equal_choose_finite_numbers() -> None:
+    result = chosen(torch.ones(60, 1, 5), torch.ones(60, 2))
+    assert bool(result.factors.isfinite().all())
+    assert np.isfinite(result.ridge)
+
+
+def test_rings_by_hand() -> None:
+    """93 places at two times: the centre's three numbers now, then earlier, then the 14 places of the next ring."""
+    found = rings(93 * 2 * 3)
+    assert found[:12].tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3]
+    assert found[-3:].tolist() == [9, 9, 9]
+    assert torch.bincount(found).tolist() == [3, 3, 42, 42, 78, 78, 78, 78, 78, 78]
