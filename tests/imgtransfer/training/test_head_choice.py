@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -23,8 +25,14 @@ def samples(seed: int = 0) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(features), torch.from_numpy(wanted)
 
 
-def chosen(features: Tensor, wanted: Tensor, predicted: Tensor | None = None, **changes: object):
-    options = {"rings": RINGS, "group": GROUP, "smoothness": 2.0, "ridge": 0.01, "steps": 30} | changes
+def chosen(features: Tensor, wanted: Tensor, predicted: Tensor | None = None, **changes: Any) -> Choice:
+    options: dict[str, Any] = {
+        "rings": RINGS,
+        "group": GROUP,
+        "smoothness": 2.0,
+        "ridge": 0.01,
+        "steps": 30,
+    } | changes
     return choose(features, [wanted], None if predicted is None else [predicted], **options)
 
 
@@ -86,7 +94,7 @@ def test_gradients_of_the_left_out_error() -> None:
 
 
 @pytest.mark.parametrize("changes", [{"steps": 0}, {"group": np.zeros(60, np.int64)}])
-def test_nothing_is_chosen_without_steps_or_groups(changes: dict[str, object]) -> None:
+def test_nothing_is_chosen_without_steps_or_groups(changes: dict[str, Any]) -> None:
     result = chosen(*samples(), **changes)
     assert (result.factors == 1).all()
     assert (result.ridge, result.reliance) == (0.01, 1.0)
