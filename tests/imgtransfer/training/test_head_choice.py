@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from imgtransfer.network.kernel_ridge import fit_ridge, typical_width
-from imgtransfer.training.head_choice import _Problem, choose
+from imgtransfer.training.head_choice import Choice, _Problem, choose
 from imgtransfer.training.head_fit import rings
 
 RINGS = torch.tensor([0, 0, 1, 1, 2])
