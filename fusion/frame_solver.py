@@ -19,7 +19,7 @@ from fusion.losses import anchor_weights
 from fusion.obstacles.cached import CachedObstacle, make_obstacle, pose
 from fusion.obstacles.clearance import lift_clear
 from fusion.obstacles.untangling import Untangler
-from fusion.parallel import in_order, n_threads
+from fusion.parallel import in_order
 from fusion.report import Stopwatch
 from fusion.robust.automatic_confidence import AutomaticConfidence, JudgedMaps
 from fusion.solvers.adam import AdamSolver
@@ -30,35 +30,6 @@ from fusion.topology import Topology
 from render.maps.imager import TemplateImager
 from render.mesh.mesh import check_finite
 from render.mesh.normals import safe_normalize
-
-
-def usable_threads(config: FusionConfig, device: torch.device, n_frames: int) -> int:
-    """How many batches are solved at the same time. Those of Adam, the reference, are solved one after the other.
-
-    Args:
-        config: solver, and whether frames depend on each other.
-        device: computes; only the CPU's cores are shared out.
-        n_frames: of the clip.
-
-    Returns:
-        1 or more, at most `n_frames` and `n_threads()`.
-    """
-    if config.solver == "adam" or config.warm_start or device.type != "cpu":
-        return 1
-    return max(1, min(n_threads(), n_frames))
-
-
-def frames_at_once(config: FusionConfig, threads: int, n_frames: int) -> int:
-    """The size of a batch: one frame where each awaits another.
-
-    Args:
-        config: largest batch, and how frames depend on each other.
-        threads: as `usable_threads` says.
-        n_frames: of the clip.
-    """
-    if config.warm_start:
-        return 1
-    return min(config.batch_frames, -(-n_frames // threads))
 
 
 class FrameSolver:

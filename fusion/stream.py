@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from fusion.batching import frames_at_once, usable_threads
 from fusion.config import FusionConfig
-from fusion.frame_solver import FrameSolver, frames_at_once, usable_threads
+from fusion.frame_solver import FrameSolver
 from fusion.grown_maps import GrownMaps
 from fusion.inputs import FusionInputs
 from fusion.parallel import one_torch_thread
@@ -78,7 +79,10 @@ def fuse_batches(
     with one_torch_thread():
         threads = usable_threads(config, device, frames.n_frames)
         period = period_in_frames(config, frames.fps) if config.smooth_time_s else None
-        coming = frames.batches(frames_at_once(config, threads, frames.n_frames))
+        size = frames_at_once(
+            config, device, threads=threads, n_frames=frames.n_frames, n_vertices=len(imager.mesh.vertices)
+        )
+        coming = frames.batches(size)
         first = next(coming)
         with watch.stage("setup"):
             solver = FrameSolver(

@@ -98,7 +98,7 @@ class LocalTransferNet(nn.Module):
             local: (B, P, K + 1, L, 3) float32, what `LocalView` tells of the frames, of the same patches.
 
         Returns:
-            (B, P, patch, patch, 3) float32, the residual in the first guess's axes, see `network.model`.
+            (B, P, patch, patch, 3) float32, the residual in the first guess's axes, see `network.residuals`.
         """
         motion = self.motion((local / self.scale).flatten(-3))
         garment = tokens + motion
@@ -117,8 +117,8 @@ class LocalTransferNet(nn.Module):
             tokens: `encode(template)` of an earlier call.
 
         Returns:
-            (B, S, H, W, 3) float32, the residual in the first guess's axes, see `network.model`; 0 in patches without
-            cloth. Values off the silhouette mean nothing.
+            (B, S, H, W, 3) float32, the residual in the first guess's axes, see `network.residuals`; 0 in patches
+            without cloth. Values off the silhouette mean nothing.
         """
         tokens = self.encode(template) if tokens is None else tokens
         shown = template.covered[0]

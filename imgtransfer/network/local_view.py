@@ -75,19 +75,18 @@ class LocalView:
         projected = garment.operator(torch.from_numpy(garment.mesh.vertices))
         centre, at = token_centres(garment.mask.numpy(), projected.numpy(), patch)
         offsets, widths = places()
-        target = centre[..., None, :] + offsets  # (S, M, K, 3)
+        target = centre[at >= 0][:, None] + offsets  # (P, K, 3), of the patches with cloth
         weights, body_amount = _weights(target, self._body(_double(body.mesh.vertices)).numpy(), widths)
         _, cloth_amount = _weights(target, _fields(garment)(_double(garment.mesh.vertices)).numpy(), widths)
         device = templates.device
-        self._weights = torch.from_numpy(weights.astype(np.float32)).to(device)  # (S, M, K, J)
+        self._weights = torch.from_numpy(weights.astype(np.float32)).to(device)  # (P, K, J)
         self._total = self._weights.sum(-1)
-        self._index = torch.from_numpy(np.maximum(at, 0)).to(device)
+        self._index = torch.from_numpy(at[at >= 0]).to(device)  # (P,)
+        self._covered = torch.from_numpy(at >= 0).to(device)  # (S, M)
         self._rest = self._body(rest)  # (N', J, 3)
-        self._centre = self._at_centres(templates)  # (N', S, M, 3)
-        self._amounts = (
-            torch.from_numpy(np.concatenate([body_amount, cloth_amount], axis=-1)).float().to(device)
-        )
-        self._covered = torch.from_numpy(at >= 0).to(device)
+        self._centre = self._at_centres(templates)  # (N', P, 3)
+        amounts = torch.from_numpy(np.concatenate([body_amount, cloth_amount], axis=-1)).float().to(device)
+        self._amounts = self._over_grid(amounts[None])
         self._images = self._template_images(garment.mask.to(device), templates, normals, extended)
 
     def samples(self, vertices: Tensor) -> Tensor:
@@ -96,8 +95,7 @@ class LocalView:
 
     def template(self) -> TemplateView:
         """What is told of the garment, in the first shape."""
-        amounts = (self._amounts * self._covered[..., None])[None].unflatten(2, self._grid)
-        return TemplateView(self._images[:1], amounts, self._covered[None].unflatten(2, self._grid))
+        return TemplateView(self._images[:1], self._amounts, self._covered[None].unflatten(2, self._grid))
 
     def __call__(self, samples: Tensor, guess: Guess, up: Tensor, shape: Tensor | None = None) -> Tensor:
         """How the body around each patch has moved against the patch's own frame.
@@ -115,30 +113,34 @@ class LocalView:
             (unit, times 0.1) instead, and 0 for the earlier times. 0 for patches without cloth.
         """
         assert guess.rotation is not None  # the configuration sees to it
-        turned = self._at_centres(guess.rotation.flatten(-2)).unflatten(-1, (3, 3))  # (B, S, M, 3, 3)
+        turned = self._at_centres(guess.rotation.flatten(-2)).unflatten(-1, (3, 3))  # (B, P, 3, 3)
         anchor = self._at_centres(guess.positions)
-        seen = torch.einsum("smkj,bljc->bsmklc", self._weights, samples)
+        seen = torch.einsum("pkj,bljc->bpklc", self._weights, samples)
         seen = seen - (self._total[..., None] * anchor[..., None, :])[..., None, :]
-        own = torch.einsum("bsmji,bsmklj->bsmkli", turned, seen)
+        own = torch.einsum("bpji,bpklj->bpkli", turned, seen)
         rest, centre = chosen(self._rest, shape), chosen(self._centre, shape)
-        at_rest = torch.einsum("smkj,bjc->bsmkc", self._weights, rest)
+        at_rest = torch.einsum("pkj,bjc->bpkc", self._weights, rest)
         own = own - (at_rest - self._total[..., None] * centre[..., None, :])[..., None, :]
         now, earlier = own[..., :1, :], own[..., 1:, :]
-        vertical = torch.einsum("bsmji,bj->bsmi", turned, up)
+        vertical = torch.einsum("bpji,bj->bpi", turned, up)
         last = torch.zeros_like(own[..., :1, :, :])
         last[..., 0, 0, :] = 0.1 * vertical
-        features = torch.cat([torch.cat([now, earlier - now], dim=-2), last], dim=-3)
-        return (features * self._covered[..., None, None, None]).unflatten(2, self._grid)
+        return self._over_grid(torch.cat([torch.cat([now, earlier - now], dim=-2), last], dim=-3))
+
+    def _over_grid(self, patches: Tensor) -> Tensor:
+        """(B, P, ...) of the patches with cloth -> (B, S, rows, columns, ...), 0 for those without."""
+        grid = patches.new_zeros(len(patches), *self._covered.shape, *patches.shape[2:])
+        grid[:, self._covered] = patches
+        return grid.unflatten(2, self._grid)
 
     def _at_centres(self, images: Tensor) -> Tensor:
-        """(..., S, H, W, C) -> (..., S, M, C), read at the pixel nearest each patch's centre."""
-        index = self._index.reshape(-1)
-        return images.flatten(-4, -2)[..., index, :].unflatten(-2, self._index.shape)
+        """(..., S, H, W, C) -> (..., P, C), read at the pixel nearest the centre of each patch with cloth."""
+        return images.flatten(-4, -2)[..., self._index, :]
 
     def _template_images(self, mask: Tensor, templates: Tensor, normals: Tensor, extended: Tensor) -> Tensor:
         """(N', S, 10, H, W), see `TemplateView`."""
         patch = mask.shape[1] // self._grid[0]
-        centre = self._centre.unflatten(-2, self._grid)
+        centre = self._over_grid(self._centre)
         centre = centre.repeat_interleave(patch, dim=-3).repeat_interleave(patch, dim=-2)
         kept = mask[..., None].float().expand(*templates.shape[:-1], 1)
         parts = [(templates - centre) / STEP_M, (templates - extended) / OFFSET_M, normals]
@@ -216,10 +218,10 @@ def _weights(target: np.ndarray, samples: np.ndarray, widths: np.ndarray) -> tup
     """How much each sample counts at each place, and how much there is at the place.
 
     Args:
-        target: (S, M, K, 3) metres. samples: (J, 3) metres. widths: (K,) metres.
+        target: (P, K, 3) metres. samples: (J, 3) metres. widths: (K,) metres.
 
     Returns:
-        (S, M, K, J), a Gaussian mean that falls to 0 where few samples are near; (S, M, K) in [0, 1).
+        (P, K, J), a Gaussian mean that falls to 0 where few samples are near; (P, K) in [0, 1).
     """
     squared = cdist(target.reshape(-1, 3), samples, "sqeuclidean").reshape(*target.shape[:-1], -1)
     weight = np.exp(-squared / (2 * widths[:, None] ** 2))

@@ -71,7 +71,8 @@ def training_bytes(
 def _of_weights(network: NetworkConfig, maps: MapsConfig, sizes: EncoderSizes, *, averaged: bool) -> int:
     """Bytes of both networks' weights and of what a training keeps for each."""
     trained = sizes.trained + _trained_weights(network, maps, sizes)
-    return 2 * 4 * ((_COPIES + averaged) * trained + (1 + averaged) * (sizes.weights - sizes.trained))
+    frozen = sizes.weights - sizes.trained  # in memory once (`shared_trunk`)
+    return 4 * (2 * (_COPIES + averaged) * trained + frozen)
 
 
 def _trained_weights(network: NetworkConfig, maps: MapsConfig, sizes: EncoderSizes) -> int:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from imgtransfer.network.base import Guess
 from imgtransfer.network.local_view import TemplateView, mirrored_features, mirrored_template
 from imgtransfer.network.maps import BodyMaps, ImagePair
+from imgtransfer.network.residuals import mean_direction
 from render import InputError, PositionBox, TemplateImager, decode_normals, encode_normals
 
 Maps = TypeVar("Maps", ImagePair, BodyMaps)
@@ -70,6 +70,17 @@ class Mirror:
         """Mirrored images of the body, and the mirrored first guess; `frames` as for `garment`."""
         return _of_frames(self._body_maps, maps, frames)
 
+    def shown(self, maps: BodyMaps) -> BodyMaps:
+        """What networks are shown of the mirrored body: without a first guess, and images only where they see them."""
+        if maps.local is not None:
+            return replace(maps, guess=None, local=mirrored_features(maps.local))
+        return self._body_maps(replace(maps, guess=None))
+
+    def residuals(self, mirrored: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+        """Residuals (B, S, H, W, 3) to the mirrored scene's first guess -> to the first guess itself, in its axes."""
+        first, second = (_reversed(each * each.new_tensor([-1.0, 1.0, 1.0])) for each in mirrored)
+        return first, second
+
     def masks(self, frames: Tensor) -> Tensor:
         """(B, S, H, W) bool, the garment's silhouette in frames of which those where `frames` (B,) are mirrored."""
         return torch.where(frames[:, None, None, None], self.mask, self._garment[..., 0])
@@ -95,11 +106,8 @@ class Mirror:
             Values off the silhouette mean nothing.
         """
         back = self.inverse.garment(mirrored)
-        units = [functional.normalize(decode_normals(pair.normals), dim=-1) for pair in (images, back)]
-        return ImagePair(
-            (images.positions + back.positions) / 2,
-            encode_normals(functional.normalize(units[0] + units[1], dim=-1)),
-        )
+        normals = mean_direction(decode_normals(images.normals), decode_normals(back.normals))
+        return ImagePair((images.positions + back.positions) / 2, encode_normals(normals))
 
     def _body_maps(self, maps: BodyMaps) -> BodyMaps:
         return BodyMaps(

@@ -20,16 +20,13 @@ from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, covered, m
 from imgtransfer.network.mirror import Garment, Mirror
 from imgtransfer.network.pair import encoded, transferred
 from imgtransfer.network.prediction import Prediction, ShownFrames
+from imgtransfer.network.residuals import averaged_images, corrected_images
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.skinned import skinned_frames
 from imgtransfer.network.transfer import TransferNet, build_transfer_net
 from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
 from render.threads import one_blas_thread
 
-# A decoder output of 1 in residual mode: about the size of the residuals, so that the networks deal with
-# numbers near 1. Positions in metres, normals as parts of a unit vector.
-POSITION_RESIDUAL_M = 0.05
-NORMAL_RESIDUAL = 0.5
 FRAMES_AT_ONCE = 16
 
 
@@ -176,15 +173,8 @@ class TransferModel(nn.Module):
             encoded images, (B, S, H, W, 3) each; values off the silhouette mean nothing, normals are not yet
             unit.
         """
-        networks = (self.position_net, self.normal_net)
-        positions, normals = transferred(networks, body, garment or self.garment(), tokens)
-        guess = body.guess
-        if guess is None:
-            return ImagePair(positions, normals)
-        return ImagePair(
-            self.box.encode(guess.positions + guess.turn(POSITION_RESIDUAL_M * positions)),
-            encode_normals(guess.normals + guess.turn(NORMAL_RESIDUAL * normals)),
-        )
+        given = transferred((self.position_net, self.normal_net), body, garment or self.garment(), tokens)
+        return ImagePair(*given) if body.guess is None else corrected_images(body.guess, given, self.box)
 
     def guessed(self, body: BodyMaps, values: Callable[[Tensor], Tensor] | None = None) -> BodyMaps:
         """Maps of posed bodies with the head's first guess, if there is one; `values` of `KernelHead.forward`."""
@@ -218,18 +208,27 @@ class TransferModel(nn.Module):
     def averaged(
         self, body: BodyMaps, mirror: Mirror, versions: Sequence[tuple[Garment, tuple[Tensor, Tensor]]]
     ) -> ImagePair:
-        """Images as `forward` gives them, averaged with those of the mirrored scene (`Mirror.average`).
+        """Images as `forward` gives them, averaged with those of the mirrored scene, mirrored back.
+
+        The mirrored scene's first guess is the first guess mirrored, so its residual alone is mirrored back.
 
         Args:
             body: maps of B posed bodies.
             mirror: of this garment and body.
             versions: of the garment.
+
+        Returns:
+            encoded images: means of positions, and means of unit normals, made unit. Values off the silhouette mean
+            nothing.
         """
+        networks = (self.position_net, self.normal_net)
         plain, mirrored = (
-            self(maps, garment=garment, tokens=tokens)
-            for maps, (garment, tokens) in zip((body, mirror.body(body)), versions, strict=True)
+            transferred(networks, maps, garment, tokens)
+            for maps, (garment, tokens) in zip((body, mirror.shown(body)), versions, strict=True)
         )
-        return mirror.average(plain, mirrored)
+        if body.guess is None:
+            return mirror.average(ImagePair(*plain), ImagePair(*mirrored))
+        return averaged_images(body.guess, plain, mirror.residuals(mirrored), self.box)
 
     def seen(self, imager: BodyImager) -> Garment:
         """The template as the networks see it on an imager's body: its first shape's view, or its images."""

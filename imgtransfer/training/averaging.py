@@ -20,7 +20,10 @@ class WeightAverage:
     def __init__(self, model: nn.Module, decay: float) -> None:
         self.decay = decay
         self._weights = dict(model.named_parameters())
-        self._mean = {name: weight.detach().clone() for name, weight in self._weights.items()}
+        self._mean = {
+            name: weight.detach().clone() if weight.requires_grad else weight.detach()
+            for name, weight in self._weights.items()
+        }
 
     @torch.no_grad()
     def update(self, step: int) -> None:
@@ -30,7 +33,8 @@ class WeightAverage:
         """
         decay = min(self.decay, (1 + step) / (10 + step))
         for name, mean in self._mean.items():
-            mean.lerp_(self._weights[name], 1 - decay)
+            if self._weights[name].requires_grad:  # the others are their own mean, in the same memory
+                mean.lerp_(self._weights[name], 1 - decay)
 
     @contextmanager
     def in_place(self) -> Iterator[None]:

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
 from imgtransfer.network.memory import least_weights
+from imgtransfer.network.shared_trunk import share_trunks
 from imgtransfer.training.head_state import empty_head
 from render import InputError, Mesh, Option, PositionBox
 from render.errors import said_by
@@ -123,6 +124,7 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
         architecture=architecture,
     )
     load_weights(model, tensors, path)
+    share_trunks(model.position_net, model.normal_net)
     model.source, model.mirrored_average = str(path), mirrored_average
     return model.eval().to(device)
 
@@ -253,7 +255,15 @@ def write_tensors(path: str | Path, tensors: dict[str, Tensor], header: dict[str
     Raises:
         InputError: it cannot be written, such as for want of space.
     """
-    whole = {key: value.detach().cpu().contiguous() for key, value in tensors.items()}
+    whole: dict[str, Tensor] = {}
+    written: set[int] = set()
+    for key, value in tensors.items():
+        on_cpu = value.detach().cpu().contiguous()
+        place = on_cpu.untyped_storage().data_ptr()
+        whole[key] = (
+            on_cpu.clone() if place in written else on_cpu
+        )  # the format has no tensors in shared memory
+        written.add(place)
     try:
         with written_whole(Path(path)) as temporary:
             save_file(whole, temporary, metadata={"imgtransfer": json.dumps(header)})

@@ -56,7 +56,7 @@ class PatchLosses:
     def __call__(self, number: int, index: Tensor, mirrored: Tensor | None) -> tuple[Tensor, Tensor]:
         """Both networks' losses for frames `index` (B,) of outfit `number`, those where `mirrored` (B,) mirrored.
 
-        Masked L1 (equation 3) of residuals in the first guess's axes, in the units of `network.model`.
+        Masked L1 (equation 3) of residuals in the first guess's axes, in the units of `network.residuals`.
         """
         template = self._template(number)
         assert self._prepared is not None  # `prepare` comes first

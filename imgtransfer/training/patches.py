@@ -16,8 +16,8 @@ from torch import Tensor
 from imgtransfer.network.local_transfer import images_to_patches
 from imgtransfer.network.local_view import TemplateView, mirrored_template
 from imgtransfer.network.maps import BodyMaps, ImagePair
-from imgtransfer.network.model import NORMAL_RESIDUAL, POSITION_RESIDUAL_M
 from imgtransfer.network.places import PLACES, mirrored_places
+from imgtransfer.network.residuals import NORMAL_RESIDUAL, POSITION_RESIDUAL_M
 from imgtransfer.training.head_fit import turned_back
 from imgtransfer.training.outfits import Outfit
 from render import decode_normals

@@ -18,6 +18,7 @@ from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
 from imgtransfer.network.memory import check_training_memory
+from imgtransfer.network.shared_trunk import share_trunks
 from imgtransfer.training.averaging import WeightAverage
 from imgtransfer.training.checkpoint import MODEL_FILE, fingerprint, save_model
 from imgtransfer.training.config import RunConfig
@@ -75,13 +76,13 @@ class Trainer:
                 batch_frames=options.batch_frames,
                 averaged=options.ema is not None,
             )
-        # Seeded after the data and before the weights: the same seed gives the same run on any amount of
-        # data.
+        # Seeded after the data and before the weights: the same seed gives the same run on any amount of data.
         torch.manual_seed(options.seed)
         if options.init is None:
             self.model = new_model(config, self.train_frames).to(self.device)
         else:
             self.model = trained_model(config, self.train_frames, options.init).to(self.device)
+        share_trunks(self.model.position_net, self.model.normal_net)
         self.init_mark = None if options.init is None else fingerprint(options.init)
         self._left_out: LeftOut | None = None
         self.head_choice: Choice | None = None  # of this process, if it fitted a head

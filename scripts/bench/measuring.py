@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import platform
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -42,7 +43,9 @@ class Timings:
         return median(a / b for a, b in zip(self.seconds[name], self.seconds[to], strict=True))
 
 
-def interleaved(alternatives: Mapping[str, Callable[[], object]], *, rounds: int) -> Timings:
+def interleaved(
+    alternatives: Mapping[str, Callable[[], object]], *, rounds: int, told: str | None = None
+) -> Timings:
     """Time the alternatives one after another, round by round, so that other load on the machine meets all alike.
 
     Each is called once before, unmeasured: first calls compile, allocate and fill caches.
@@ -50,15 +53,19 @@ def interleaved(alternatives: Mapping[str, Callable[[], object]], *, rounds: int
     Args:
         alternatives: by name, what to call.
         rounds: how often.
+        told: what stderr is told of after each round; None: nothing.
     """
     calls = {}
     for name, call in alternatives.items():
         call()
         calls[name] = max(1, int(SAMPLE_SECONDS / _timed(call, 1))) if rounds > 1 else 1
     seconds: dict[str, list[float]] = {name: [] for name in alternatives}
-    for _ in range(rounds):
+    for number in range(rounds):
         for name, call in alternatives.items():
             seconds[name].append(_timed(call, calls[name]))
+        if told is not None:
+            last = ", ".join(f"{name} {taken[-1]:.3g} s" for name, taken in seconds.items())
+            print(f"{told}, round {number + 1} of {rounds}: {last}", file=sys.stderr)
     return Timings(seconds)
 
 

@@ -22,7 +22,6 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,15 +31,14 @@ import torch
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from imgtransfer.config.loader import load_config
-from imgtransfer.data import grid
 from imgtransfer.data.clip import Clip
-from imgtransfer.data.clip_parts import Body, Garment, Skeleton, Template
 from imgtransfer.data.source import clip_refs
 from imgtransfer.data.store import DataSet
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.trainer import Trainer
 from scripts.bench import shapes
+from scripts.bench.clips import clip_on_grid
 from scripts.bench.measuring import Results, command, interleaved
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "demo.yaml"
@@ -58,7 +56,7 @@ def measure(quick: bool) -> Results:
     for name, (garment, body) in cases.items():
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "set.zarr"
-            clip = _clip(garment, body, 40 if quick else 96)
+            clip = clip_on_grid(garment, body, 40 if quick else 96)
             results[name] = _store(path, clip, clips=2 if quick else 12, rounds=1 if quick else 5)
             results[name] |= _trainer(path, quick)
         found = results[name]
@@ -123,34 +121,6 @@ def _trainer(path: Path, quick: bool) -> dict[str, float]:
     trainer = Trainer(load_config(RunConfig, CONFIG, [*changes, *source, "training.threads=1"]))
     times = interleaved({"step": trainer.train_step}, rounds=1 if quick else 5)
     return {"trainer_frames_per_s": BATCH / times.s("step")}
-
-
-def _clip(garment: tuple[int, int], body: tuple[int, int], frames: int) -> Clip:
-    """A synthetic clip on the grid; its root stands still."""
-    cloth, inside = shapes.garment(*garment), shapes.body(*body)
-    clip = Clip(
-        template=Template(vertices=cloth.vertices.astype(np.float32), faces=cloth.faces),
-        garment=Garment(shapes.wrinkled(cloth, frames)),
-        body=Body(
-            rest=inside.vertices.astype(np.float32),
-            faces=inside.faces,
-            vertices=shapes.moved(inside.vertices, frames),
-        ),
-        fps=30.0,
-        skeleton=Skeleton(
-            poses=np.zeros((frames, 1, 3), np.float32),
-            trans=np.zeros((frames, 3), np.float32),
-            joints_rest=np.zeros((1, 3), np.float32),
-            parents=np.array([-1]),
-        ),
-        name="tube",
-    )
-    assert clip.garment is not None
-    return replace(
-        clip,
-        garment=Garment(grid.round_to_grid(clip.garment.vertices)),
-        body=replace(clip.body, vertices=grid.round_to_grid(clip.body.vertices)),
-    )
 
 
 if __name__ == "__main__":

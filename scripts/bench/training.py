@@ -1,33 +1,39 @@
 #!/usr/bin/env python
-"""One training step of configs/demo.yaml's networks on a synthetic clip, and each choice made for speed.
+"""Training: what the frozen trunk's file, the loader and a second process do to a step, and each choice made for speed.
 
+One step of configs/demo.yaml's networks on a synthetic clip.
 A tube of cloth (1,944 vertices) about a body, as large as those of the sample data; batch, map size and network are
 the configuration's, the number type is the one that `precision: auto` takes here. One torch thread.
+`--only trunk loader processes` takes these sections alone, in about five minutes of two idle cores.
+
+  ratio_anew_to_cached*         sections trunk, loader and processes: see `trunk.py`, `loader.py` and `processes.py`,
+  share_of_reading_*            of which the first two run by themselves, too
+  step_s_*_process(es)          two processes against one, at the same number of frames a step
 
   step_ms                       one whole step: maps, both networks forward and backward, optimiser
   bfloat16_to_float32           what `precision: auto` measured at the start
   maps_ms, share_of_maps        making the maps of a batch, body's and garment's, with the first guess
-  share_of_reading              reading a batch's frames: what the networks wait for the data
   ratio_a_to_b                  how many times as long a takes as b
   attention_*                   one attention layer forward and backward, 65 tokens (128 / 16) or 257 (128 / 8)
   ratio_fused_to_written_*      torch's scaled_dot_product_attention against the products written out
   decoder_*, polar_*            the decoder by its memory layout; rotations by Newton's iteration or by an SVD
   steps_per_s_*                 two threads on two cores, alone or beside one busy process there, where OpenMP's threads
                                 spin while they wait (its default) or sleep (as this project's commands have it)
-  step_s_*_process(es)          two processes against one, at the same number of frames a step (`processes.py`)
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -36,59 +42,97 @@ from torch.nn import functional
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from imgtransfer.config.loader import load_config
-from imgtransfer.data.clip import Clip, save_clip
-from imgtransfer.data.clip_parts import Body, Garment, Skeleton, Template
+from imgtransfer.data.clip import save_clip
 from imgtransfer.network.attention import Attention
 from imgtransfer.network.decoder import Decoder
 from imgtransfer.network.local_frames import nearest_rotation
 from imgtransfer.training.config import RunConfig
+from imgtransfer.training.precision import Workload, bfloat16_ratio, choose_precision
 from imgtransfer.training.trainer import Trainer
-from scripts.bench import neighbours, processes, shapes
+from scripts.bench import loader, neighbours, processes, trunk
+from scripts.bench.clips import synthetic_clip
 from scripts.bench.measuring import Results, command, interleaved
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "demo.yaml"
+QUICK = ["maps.size=[32, 32]", "training.batch_frames=2"]
 PRECISIONS = {"float32": False, "bfloat16": True}  # by name: whether autocast is on
 
 
-def measure(quick: bool) -> Results:
-    """All numbers: of the whole step, and of its parts."""
-    rounds = 1 if quick else 7
-    changes = ["maps.size=[32, 32]", "training.batch_frames=2"] if quick else []
+SECTIONS = ("trunk", "loader", "processes", "step", "neighbours", "parts")
+
+
+def measure(quick: bool, only: Sequence[str] = SECTIONS) -> Results:
+    """All numbers of these sections."""
+    made: dict[str, Callable[[bool], dict[str, float]]] = {
+        "trunk": lambda quick: trunk.measure(quick)["trunk"],
+        "loader": lambda quick: loader.measure(quick)["loader"],
+        "processes": _processes,
+        "step": _step,
+        "neighbours": _neighbours,
+        "parts": _parts,
+    }
+    results: Results = {}
+    for name in only:
+        results[name] = made[name](quick)
+        print(f"{name} done", file=sys.stderr)
+    return results
+
+
+@contextmanager
+def _on_a_tube(quick: bool) -> Iterator[list[str]]:
+    """Changes to the configuration: data of a synthetic clip, and small sizes for a quick run."""
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "tube.npz"
-        save_clip(
-            source, synthetic_clip((16, 10), (14, 12), 4) if quick else synthetic_clip((54, 36), (58, 48), 64)
-        )
-        data = [
-            f"data.source={source}",
-            *(f"data.{part}={{split: null}}" for part in ("train", "validation")),
-        ]
-        step, chosen = _step([*changes, *data], rounds)
-        # With one thread nothing waits, and a quick run is quick beside other processes, too.
-        as_ours = [f"training.precision={chosen}", f"training.threads={1 if quick else neighbours.CORES}"]
-        beside = neighbours.measure(CONFIG, [*changes, *data, *as_ours], min(rounds, 5))
-        apart = processes.measure(CONFIG, [*changes, *data, as_ours[0]], 4 if quick else 12)
-    config = load_config(RunConfig, CONFIG, changes)
-    images, dim = config.training.batch_frames * len(config.maps.views), config.network.encoder.dim
-    heads = config.network.encoder.heads
-    parts: dict[str, float] = {}
+        sizes = ((16, 10), (14, 12), 4) if quick else ((54, 36), (58, 48), 64)
+        save_clip(source, synthetic_clip(*sizes))
+        data = [f"data.{part}={{split: null}}" for part in ("train", "validation")]
+        yield [*(QUICK if quick else []), f"data.source={source}", *data]
+
+
+def _chosen_precision(quick: bool) -> str:
+    """What `precision: auto` takes here, the same for all processes of a section."""
+    config = load_config(RunConfig, CONFIG, QUICK if quick else [])
+    workload = Workload.of(config.maps, config.network, config.training.batch_frames)
+    return choose_precision("auto", lambda: bfloat16_ratio(torch.device("cpu"), workload)).name
+
+
+def _processes(quick: bool) -> dict[str, float]:
+    batch = 2 if quick else 4
+    with _on_a_tube(quick) as changes:
+        changes += [f"training.batch_frames={batch}", f"training.precision={_chosen_precision(quick)}"]
+        return processes.measure(CONFIG, changes, 4 if quick else 6)
+
+
+def _neighbours(quick: bool) -> dict[str, float]:
+    # With one thread nothing waits, and a quick run is quick beside other processes, too.
+    threads = 1 if quick else neighbours.CORES
+    with _on_a_tube(quick) as changes:
+        changes += [f"training.precision={_chosen_precision(quick)}", f"training.threads={threads}"]
+        return neighbours.measure(CONFIG, changes, 1 if quick else 5)
+
+
+def _parts(quick: bool) -> dict[str, float]:
+    """Layers and functions by themselves, in the sizes of the configuration."""
+    rounds = 1 if quick else 7
+    config = load_config(RunConfig, CONFIG, QUICK if quick else [])
+    images, encoder = config.training.batch_frames * len(config.maps.views), config.network.vit
+    found: dict[str, float] = {}
     for tokens in (17,) if quick else (65, 257):
         for precision in PRECISIONS:
-            parts |= _attention((images, tokens, dim), heads, precision, rounds)
-    grid = tuple(length // config.network.encoder.patch for length in config.maps.size)
-    parts |= _decoder(images, dim, grid, config.network.encoder.patch, rounds)
+            found |= _attention((images, tokens, encoder.dim), encoder.heads, precision, rounds)
+    grid = tuple(length // encoder.patch for length in config.maps.size)
+    found |= _decoder(images, encoder.dim, grid, encoder.patch, rounds)
     # As many as a batch has cells: `imgtransfer.network.local_frames` fits 32 x 32 rotations a view.
-    return {
-        "step": step,
-        "neighbours": beside,
-        "processes": apart,
-        "parts": parts | _rotations(images * (8 if quick else 32) ** 2, rounds),
-    }
+    return found | _rotations(images * (8 if quick else 32) ** 2, rounds)
 
 
-def _step(changes: list[str], rounds: int) -> tuple[dict[str, float], str]:
-    """The numbers, and the number type that `precision: auto` takes here."""
+def _step(quick: bool) -> dict[str, float]:
+    """One whole step, and the same with other choices."""
+    with _on_a_tube(quick) as changes:
+        return _whole_step(changes, 1 if quick else 7)
 
+
+def _whole_step(changes: list[str], rounds: int) -> dict[str, float]:
     def trainer(*more: str) -> Trainer:
         return Trainer(load_config(RunConfig, CONFIG, [*changes, "training.threads=1", *more]))
 
@@ -107,7 +151,6 @@ def _step(changes: list[str], rounds: int) -> tuple[dict[str, float], str]:
             "fused": fused,
             "patch8": patch8.train_step,
             "maps": lambda: ours.batch(ours.train_frames, frames),
-            "reading": lambda: ours.train_frames.read(frames),
         },
         rounds=rounds,
     )
@@ -115,12 +158,11 @@ def _step(changes: list[str], rounds: int) -> tuple[dict[str, float], str]:
         "step_ms": times.ms("ours"),
         "maps_ms": times.ms("maps"),
         "share_of_maps": times.ratio("maps", "ours"),
-        "share_of_reading": times.ratio("reading", "ours"),
         "bfloat16_to_float32": ours.precision.ratio or math.nan,
         "ratio_float32_to_bfloat16": times.ratio("float32", "bfloat16"),
         "ratio_fused_to_written_attention": times.ratio("fused", "ours"),
         "ratio_patch_8_to_16": times.ratio("patch8", "ours"),
-    }, ours.precision.name
+    }
 
 
 def _attention(shape: tuple[int, int, int], heads: int, precision: str, rounds: int) -> dict[str, float]:
@@ -203,27 +245,14 @@ def _rotations(count: int, rounds: int) -> dict[str, float]:
     return {"polar_ms": times.ms("polar"), "ratio_svd_to_polar": times.ratio("svd", "polar")}
 
 
-def synthetic_clip(garment: tuple[int, int], body: tuple[int, int], frames: int) -> Clip:
-    """A synthetic clip; its root stands still."""
-    cloth, inside = shapes.garment(*garment), shapes.body(*body)
-    return Clip(
-        template=Template(vertices=cloth.vertices.astype(np.float32), faces=cloth.faces),
-        garment=Garment(shapes.wrinkled(cloth, frames)),
-        body=Body(
-            rest=inside.vertices.astype(np.float32),
-            faces=inside.faces,
-            vertices=shapes.moved(inside.vertices, frames),
-        ),
-        fps=30.0,
-        skeleton=Skeleton(
-            poses=np.zeros((frames, 1, 3), np.float32),
-            trans=np.zeros((frames, 3), np.float32),
-            joints_rest=np.zeros((1, 3), np.float32),
-            parents=np.array([-1]),
-        ),
-        name="tube",
-    )
+def _options() -> tuple[dict[str, Any], list[str]]:
+    """The arguments of `measure` on the command line, and the words that are left for `command`."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--only", nargs="+", choices=SECTIONS, default=SECTIONS)
+    options, words = parser.parse_known_args()
+    return vars(options), words
 
 
 if __name__ == "__main__":
-    command(__doc__, measure)
+    given, rest = _options()
+    command(__doc__, partial(measure, **given), rest)

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from fusion import FusionConfig, fuse
-from fusion.frame_solver import FrameSolver, frames_at_once, usable_threads
+from fusion.frame_solver import FrameSolver
 from fusion.input_checks import checked
 from fusion.parallel import n_threads
 from fusion.report import Stopwatch
@@ -19,38 +19,6 @@ from tests.helpers.layers import heights, layered
 CPU = torch.device("cpu")
 SQUARE = imager_of(two_triangles(), (12, 10))
 REST = torch.from_numpy(two_triangles().vertices).float()[None]
-
-
-@pytest.mark.parametrize(
-    ("options", "frames", "want"),
-    [
-        ({}, 100, 3),
-        ({}, 2, 2),
-        ({}, 1, 1),
-        ({}, 0, 1),
-        ({"solver": "adam"}, 100, 1),
-        ({"warm_start": True}, 100, 1),
-        ({"smooth_time_s": 1.0}, 100, 3),
-    ],
-)
-def test_threads_are_as_many_as_there_are_and_frames_can_use(monkeypatch, options, frames, want):
-    monkeypatch.setattr("fusion.frame_solver.n_threads", lambda: 3)
-    assert usable_threads(FusionConfig(**options), CPU, frames) == want
-    assert usable_threads(FusionConfig(**options), torch.device("cuda"), frames) == 1
-
-
-@pytest.mark.parametrize(
-    ("options", "threads", "frames", "want"),
-    [
-        ({"batch_frames": 8}, 1, 100, 8),
-        ({"batch_frames": 8}, 1, 5, 5),
-        ({"batch_frames": 8}, 4, 10, 3),  # 3 + 3 + 3 + 1: no thread is idle
-        ({"batch_frames": 2}, 4, 10, 2),
-        ({"batch_frames": 8, "warm_start": True}, 1, 10, 1),
-    ],
-)
-def test_a_batch_is_no_larger_than_leaves_work_for_every_thread(options, threads, frames, want):
-    assert frames_at_once(FusionConfig(**options), threads, frames) == want
 
 
 def solver_of(inputs, threads=1, **options):

@@ -13,6 +13,7 @@ import pytest
 from scripts.bench import (
     fusion,
     fusion_quality,
+    loader,
     measuring,
     memory,
     predict,
@@ -27,6 +28,7 @@ from scripts.bench.measuring import Results, Timings, interleaved
 from tests.helpers.paths import ROOT
 
 KEYS = {
+    "loader": {"share_of_reading_windowed", "share_of_reading_cached", "step_ms_windowed", "step_ms_cached"},
     "trunk": {"step_ms_cached", "step_ms_anew", "ratio_anew_to_cached", "ratio_anew_to_cached_frozen"},
     "render": {
         "operator_ms",
@@ -142,7 +144,9 @@ KEYS = {
     "training": {
         "step_ms",
         "share_of_maps",
-        "share_of_reading",
+        "share_of_reading_windowed",
+        "share_of_reading_cached",
+        "ratio_anew_to_cached",
         "ratio_one_to_two_processes",
         "ratio_float32_to_bfloat16",
         "ratio_patch_8_to_16",
@@ -160,6 +164,7 @@ BENCHES = {
     "render": render,
     "fusion": fusion,
     "fusion_quality": fusion_quality,
+    "loader": loader,
     "memory": memory,
     "predict": predict,
     "reading": reading,
@@ -170,7 +175,14 @@ BENCHES = {
 }
 
 
-SLOW = ("memory", "predict", "reading", "training", "trunk")  # they load much, or start processes that do
+SLOW = (
+    "loader",
+    "memory",
+    "predict",
+    "reading",
+    "training",
+    "trunk",
+)  # they load much, or start processes that do
 
 
 @pytest.mark.parametrize(

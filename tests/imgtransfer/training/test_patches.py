@@ -11,7 +11,7 @@ import torch
 
 from imgtransfer.config.loader import parse_config
 from imgtransfer.network.local_transfer import images_to_patches, patches_to_images
-from imgtransfer.network.model import NORMAL_RESIDUAL, POSITION_RESIDUAL_M
+from imgtransfer.network.residuals import NORMAL_RESIDUAL, POSITION_RESIDUAL_M
 from imgtransfer.training import prepared
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import train

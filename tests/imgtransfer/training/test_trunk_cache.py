@@ -9,7 +9,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import load_file
+from torch import nn
 
+from imgtransfer.network.shared_trunk import share_trunks
+from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.trainer import Trainer
 from tests.helpers.hub import checkpoint
 from tests.helpers.training import hub_config
@@ -53,6 +57,51 @@ def test_a_frame_is_computed_once(source: Path, tmp_path: Path, monkeypatch: pyt
         trainer.train_step()
     frames = len(trainer.train_frames)
     assert seen == [2] * 2 * frames  # two views a frame, in each of two networks
+
+
+def frozen_places(trainer: Trainer) -> list[list[int]]:
+    """Where in memory each frozen weight of an encoder lies: of both networks, and as it is averaged."""
+    nets = {
+        name: dict(getattr(trainer.model, name).named_parameters()) for name in ("position_net", "normal_net")
+    }
+    assert trainer._average is not None
+    mean = trainer._average.tensors()
+    frozen = [name for name, weight in nets["normal_net"].items() if not weight.requires_grad]
+    assert any("layers.0" in name or "layer.0" in name for name in frozen)
+    return [
+        [weights[name].data_ptr() for weights in nets.values()]
+        + [mean[f"{net}.{name}"].data_ptr() for net in nets]
+        for name in frozen
+    ]
+
+
+def test_frozen_weights_are_in_memory_once(source: Path, tmp_path: Path) -> None:
+    config = hub_config(source, checkpoint(tmp_path / "encoder"), ema=0.5)
+    trainer, again = Trainer(config), Trainer(config)
+    for _ in range(2):
+        trainer.train_step()
+        trainer.validate()  # with the averaged weights
+        assert all(len(set(places)) == 1 for places in frozen_places(trainer))
+    trainer.save(tmp_path)
+    again.load(tmp_path)
+    assert all(len(set(places)) == 1 for places in frozen_places(again))
+    losses = trainer.train_step(), again.train_step()
+    assert losses[0] == losses[1]
+    model, stored = load_model(tmp_path), load_file(tmp_path / "model.safetensors")
+    first, second = (dict(network.named_parameters()) for network in (model.position_net, model.normal_net))
+    for name, weight in first.items():
+        assert (weight.data_ptr() == second[name].data_ptr()) == (not weight.requires_grad)
+        assert torch.equal(weight, stored[f"model.position_net.{name}"].float())
+
+
+def test_frozen_weights_that_differ_stay_apart() -> None:
+    first, second = (nn.Linear(2, 2).requires_grad_(False) for _ in range(2))
+    second.bias.copy_(first.bias)
+    before = second.weight.clone()
+    share_trunks(first, second)
+    assert second.bias.data_ptr() == first.bias.data_ptr()
+    assert second.weight.data_ptr() != first.weight.data_ptr()
+    assert torch.equal(second.weight, before)
 
 
 def test_it_says_what_it_takes_and_leaves_no_file(
