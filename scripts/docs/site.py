@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import posixpath
 import re
 import sys
 from collections.abc import Iterator
@@ -37,14 +38,19 @@ def on_files(files: Any, config: Any) -> Any:
     return files
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Links to files of the project that are no pages become their paths: the site does not hold them."""
-    return re.sub(r"\[([^\]\n]+)\]\(\.\./([^)\s]+)\)", _named, markdown)
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Links that lead out of docs become the paths of what they lead to: the site does not hold it."""
+    folder = posixpath.dirname(page.file.src_uri)
+    return re.sub(r"\[([^\]\n]+)\]\((\.\./[^)\s]+)\)", lambda link: _named(link, folder), markdown)
 
 
-def _named(link: re.Match[str]) -> str:
-    text, path = link[1], link[2]
-    return text if path.rstrip("/") in text else f"{text} (`{path}`)"
+def _named(link: re.Match[str], folder: str) -> str:
+    """A link of a page in `folder` of docs, as it is or as a path from the project's root."""
+    text, target = link[1], posixpath.normpath(posixpath.join(folder, link[2]))
+    outside, _, path = target.partition("../")
+    if outside:
+        return link[0]
+    return text if path in text else f"{text} (`{path}`)"
 
 
 def commands() -> str:

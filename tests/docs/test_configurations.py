@@ -27,7 +27,7 @@ PAGES = {
     str(path.relative_to(ROOT)): path.read_text()
     for path in [
         ROOT / "README.md",
-        *sorted((ROOT / "docs").glob("*.md")),
+        *sorted((ROOT / "docs").rglob("*.md")),
         *sorted((ROOT / "configs").rglob("*.md")),
     ]
 }

@@ -33,14 +33,22 @@ def commands(text: str) -> list[list[str]]:
     return [list(takewhile(lambda word: word not in SHELL, words)) for words in lines if words]
 
 
+FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
 def blocks(text: str) -> str:
-    """The shell of a page: what stands between fences of shell, or is indented and begins with our command."""
-    fenced = re.findall(r"^```(?:bash|sh|shell)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    sessions = re.findall(r"^```console\n(.*?)^```", text, re.MULTILINE | re.DOTALL)  # with what is printed
-    typed = re.findall(r"^(\$ .*\n)", "".join(sessions), re.MULTILINE)
-    joined = "".join([*fenced, *typed]).replace("\\\n", " ")
-    indented = re.findall(r"^ {4}(imgtransfer .*)$", text.replace("\\\n", " "), re.MULTILINE)
-    return "\n".join([joined, *indented])
+    """The shell of a page: fences of shell, what is typed in sessions, and our command where it begins a line that is
+    indented, or stands in a fence without a language.
+    """
+    text = text.replace("\\\n", " ")
+    fences = FENCE.findall(text)
+    shell = [body for language, body in fences if language in ("bash", "sh", "shell")]
+    sessions = "".join(body for language, body in fences if language == "console")  # with what is printed
+    plain = "".join(body for language, body in fences if not language)
+    typed = re.findall(r"^\$ .*$", sessions, re.MULTILINE)
+    typed += re.findall(r"^ *(?:\$ )?((?:\S*/)?imgtransfer .*)$", plain, re.MULTILINE)
+    typed += re.findall(r"^ {4,}((?:\S*/)?imgtransfer .*)$", FENCE.sub("", text), re.MULTILINE)
+    return "\n".join([*shell, *typed])
 
 
 def command_lines() -> list[list[str]]:
@@ -94,6 +102,27 @@ def test_a_line_of_a_page_parses(words: list[str]) -> None:
     assert callable(build_parser().parse_args(words).run)
 
 
+@pytest.mark.parametrize("words", OF_PAGES)
+def test_the_files_that_a_line_of_a_page_names_are_there(words: list[str]) -> None:
+    test_the_files_that_a_line_names_are_there(words)
+
+
+@pytest.mark.parametrize(
+    ("page", "lines"),
+    [
+        ("```bash\nimgtransfer doctor   # what works\n```", ["doctor"]),
+        ("```bash\nimgtransfer inspect \\\n    a.zarr\n```", ["inspect a.zarr"]),
+        ("```\nimgtransfer doctor\n.venv/bin/imgtransfer inspect a.zarr\nall well\n```", ["doctor", "inspect a.zarr"]),
+        ("```console\n$ imgtransfer doctor\nimgtransfer is well\n```", ["doctor"]),
+        ("```text\nimgtransfer is well\n```", []),
+        ("as in\n\n    imgtransfer doctor\n      imgtransfer inspect a.zarr\n", ["doctor", "inspect a.zarr"]),
+        ("```yaml\na: 1\n```\nimgtransfer is well\n```\nimgtransfer doctor\n```", ["doctor"]),
+    ],
+)  # fmt: skip
+def test_our_command_is_seen_wherever_a_page_may_have_it(page: str, lines: list[str]) -> None:
+    assert [" ".join(words) for words in ours(commands(blocks(page)))] == lines
+
+
 def test_the_readme_shows_every_command() -> None:
     assert len(OURS) >= 8
     assert {words[0] for words in OURS} >= NAMES
@@ -109,7 +138,7 @@ def test_a_line_parses(words: list[str]) -> None:
 def test_the_files_that_a_line_names_are_there(words: list[str]) -> None:
     """Words that start with a folder of the project must name something in it; glob patterns something that fits."""
     for word in words:
-        path = word.partition("=")[2] or word  # --set data.source=configs/...
+        path = re.sub(r"\$\w+", "*", word.partition("=")[2] or word)  # --set data.source=configs/...
         if Path(path).parts[:1] and Path(path).parts[0] in IN_PROJECT and "://" not in path:
             assert list(ROOT.glob(path)), f"{path} is not there"
 
