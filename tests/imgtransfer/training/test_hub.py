@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.hub import from_pretrained, model_path, save_pretrained
 from imgtransfer.training.loop import train
 from render import InputError
+from tests.helpers.paths import ROOT
 from tests.helpers.training import small_config
 
 
@@ -65,6 +67,20 @@ def test_the_best_model_is_published_with_its_own_numbers(run: Path, tmp_path: P
     )
     with pytest.raises(InputError, match=r"best.safetensors: no such file"):
         save_pretrained(tmp_path, tmp_path / "other", licence="other", which="best")
+
+
+def test_the_python_of_the_page_on_training_runs(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (ROOT / "docs" / "training.md").read_text()
+    (program,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "demo").symlink_to(run)
+    monkeypatch.chdir(tmp_path)
+    space: dict[str, object] = {}
+    exec(compile(program, "docs/training.md", "exec"), space)
+    assert isinstance(space["model"], torch.nn.Module)
+    assert (tmp_path / "my-shirt" / "model.safetensors").is_file()
 
 
 @pytest.fixture
