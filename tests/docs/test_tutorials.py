@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import os
 import pickle
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
+import yaml
 
+from imgtransfer.benchmark.config import BenchmarkConfig
 from imgtransfer.importers.smpl import smpl_body
+from imgtransfer.simulation.config import SimulateConfig
+from imgtransfer.simulation.planning.plan import plan
 from tests.helpers import hub
 from tests.helpers.import_examples import motion, worn, write_model, write_obj
 from tests.helpers.paths import ROOT
 from tests.helpers.public_sets import BETAS, FRAMES, vto_content
-from tests.helpers.tutorials import run_page
+from tests.helpers.tutorials import blocks, run_page
 
 TUTORIALS = ROOT / "docs" / "tutorials"
 SHORT = ("maps_only", "fusion_only")
@@ -35,6 +40,23 @@ def test_every_tutorial_is_run() -> None:
 @pytest.mark.parametrize("name", SHORT)
 def test_a_short_tutorial(name: str, clone: Path) -> None:
     run_page(TUTORIALS / f"{name}.md", clone)
+
+
+def test_the_configurations_of_the_long_ones_are_read() -> None:
+    files = {
+        block.file: yaml.safe_load(block.text)
+        for name in LONG
+        for block in blocks(TUTORIALS / f"{name}.md")
+        if block.language == "yaml"
+    }
+    tasks = plan(SimulateConfig.model_validate(files["recipe.yaml"]))
+    assert len(tasks) == 4  # as the page on clusters says
+    assert {task.name for task in tasks if fnmatch(task.name, "*walk*") or fnmatch(task.name, "*kick*")} == {
+        "skirt/walk_s104",
+        "skirt/kick_s107",
+    }
+    for name in ("methods.yaml", "skirt.yaml"):
+        assert len(BenchmarkConfig.model_validate(files[name]).methods) > 1
 
 
 def test_a_page_stops_at_the_first_line_that_fails(clone: Path) -> None:
