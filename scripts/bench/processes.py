@@ -34,7 +34,8 @@ def measure(config: Path, changes: Sequence[str], steps: int) -> dict[str, float
 
 def _seconds(config: Path, changes: Sequence[str], steps: int, out: Path, *, processes: int) -> float:
     """Of a step, mean over all but the first."""
-    settings = [*changes, f"training.steps={steps}", "training.threads=1"]
+    # A run validates after its first and last step.
+    settings = [*changes, f"training.steps={steps}", "training.threads=1", "data.validation_frames=2"]
     words = [
         "train",
         str(config),

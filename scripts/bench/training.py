@@ -100,7 +100,7 @@ def _processes(quick: bool) -> dict[str, float]:
     batch = 2 if quick else 4
     with _on_a_tube(quick) as changes:
         changes += [f"training.batch_frames={batch}", f"training.precision={_chosen_precision(quick)}"]
-        return processes.measure(CONFIG, changes, 4 if quick else 6)
+        return processes.measure(CONFIG, changes, 4 if quick else 5)
 
 
 def _neighbours(quick: bool) -> dict[str, float]:
