@@ -5,13 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import torch
 from pydantic import BaseModel
 from torch import Tensor
 
 from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import clip_refs
 from imgtransfer.network import TransferModel
+from imgtransfer.network.memory import check_training_memory
 from imgtransfer.network.shapes import same_faces
+from imgtransfer.network.shared_trunk import share_trunks
 from imgtransfer.running.fingerprint import fingerprint
 from imgtransfer.training.checkpoint import load_model
 from imgtransfer.training.config import ClipChoice, RunConfig
@@ -21,6 +24,26 @@ from imgtransfer.training.sampler import Frames
 from render import InputError, Mesh, Option, PositionBox
 
 _OF_TRAINING_ALONE = frozenset({"dropout"})  # settings of the network that its weights do not hang on
+
+
+def first_model(config: RunConfig, frames: Frames, device: torch.device) -> TransferModel:
+    """The model that a run begins with, on the device where it is trained: a new one, or that of `training.init`.
+
+    Raises:
+        InputError: too little memory, or a trained model that does not fit (`trained_model`).
+    """
+    options = config.training
+    if device.type == "cpu":
+        check_training_memory(
+            config.network,
+            config.maps,
+            batch_frames=options.batch_frames,
+            averaged=options.ema is not None,
+        )
+    model = new_model(config, frames) if options.init is None else trained_model(config, frames, options.init)
+    model = model.to(device)
+    share_trunks(model.position_net, model.normal_net)
+    return model
 
 
 def new_model(config: RunConfig, frames: Frames) -> TransferModel:

@@ -17,8 +17,6 @@ from imgtransfer.network.kernel_head import LeftOut
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyMaps, ImagePair, metric_maps
-from imgtransfer.network.memory import check_training_memory
-from imgtransfer.network.shared_trunk import share_trunks
 from imgtransfer.training.averaging import WeightAverage
 from imgtransfer.training.checkpoint import MODEL_FILE, fingerprint, save_model
 from imgtransfer.training.config import RunConfig
@@ -36,9 +34,8 @@ from imgtransfer.training.sampler import Frames
 from imgtransfer.training.start import (
     agreed_precision,
     chosen_frames,
-    new_model,
+    first_model,
     preparation_mark,
-    trained_model,
 )
 from imgtransfer.training.state import Learner, Origin, Progress, load_state, save_state
 from imgtransfer.training.validation import FrameImages, Validation, predicted_images
@@ -69,20 +66,9 @@ class Trainer:
         self.train_frames = chosen_frames(config, config.data.train)
         self.validation_frames = chosen_frames(config, config.data.validation)
         self.precision = agreed_precision(config, self.processes)
-        if self.device.type == "cpu":
-            check_training_memory(
-                config.network,
-                config.maps,
-                batch_frames=options.batch_frames,
-                averaged=options.ema is not None,
-            )
         # Seeded after the data and before the weights: the same seed gives the same run on any amount of data.
         torch.manual_seed(options.seed)
-        if options.init is None:
-            self.model = new_model(config, self.train_frames).to(self.device)
-        else:
-            self.model = trained_model(config, self.train_frames, options.init).to(self.device)
-        share_trunks(self.model.position_net, self.model.normal_net)
+        self.model = first_model(config, self.train_frames, self.device)
         self.init_mark = None if options.init is None else fingerprint(options.init)
         self._left_out: LeftOut | None = None
         self.head_choice: Choice | None = None  # of this process, if it fitted a head
@@ -197,7 +183,7 @@ class Trainer:
             coins = None if mirrored is None else mirrored[places.to(self.device)]
             some = self._losses(number, index[places], coins)
             fraction = len(places) / len(index)
-            # The networks share no weight, so the sum trains each by its own loss (equation 3).
+            # The networks share no trained weight, so the sum trains each by its own loss (equation 3).
             (fraction / options.accumulate * (some[0] + some[1])).backward()
             for key, loss in zip(losses, some, strict=True):
                 losses[key] += fraction * loss.item()
