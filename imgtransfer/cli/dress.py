@@ -70,7 +70,9 @@ def add_parser(
         f"{_GENERAL}, which comes with the package and dresses any garment on any body",
     )
     parser.add_argument(
-        "--simulate", action="store_true", help="simulate the cloth instead, to compare (extra simulate)"
+        "--simulate",
+        action="store_true",
+        help="simulate the cloth instead, to compare (extra simulate); nothing is written where it goes wrong",
     )
     parser.add_argument("--fabric", choices=_FABRICS, help="of the simulated cloth; default cotton")
     parser.add_argument(
@@ -106,7 +108,9 @@ def add_parser(
         help="YAML of what a BVH skeleton calls SMPL's joints, where its names do not tell (left_knee: Bone07)",
     )
     parser.add_argument(
-        "--anyway", action="store_true", help="go on although the checks of motion or meshes found something"
+        "--anyway",
+        action="store_true",
+        help="go on although the checks of motion, meshes or the simulated cloth found something",
     )
     _add_meshes(parser.add_argument_group("your own garment and body"))
     return parser
@@ -224,7 +228,9 @@ def _simulated(
     from imgtransfer.exports import written_animation  # noqa: PLC0415
 
     with _bar(len(source.frames), source.name) as bar, watch.of("simulating"):
-        clip, quality = simulate_source(source, config, progress=bar.update)
+        clip, quality = simulate_source(
+            source, config, anyway=args.anyway, progress=_Stages(bar, source.name)
+        )
     with (
         watch.of("writing"),
         written_animation(args.out, n_frames=clip.n_frames, frames_as=args.frames_as) as add,
@@ -253,6 +259,20 @@ def _bar(frames: int, name: str) -> Any:
     from tqdm import tqdm  # noqa: PLC0415
 
     return tqdm(total=frames, desc=name, unit="frame", leave=False, disable=None)
+
+
+class _Stages:
+    """Shows the stages of a simulation on one bar, each from its beginning."""
+
+    def __init__(self, bar: Any, name: str) -> None:
+        self._bar, self._name, self._stage = bar, name, ""
+
+    def __call__(self, stage: str, done: int, frames: int) -> None:
+        if stage != self._stage:
+            self._stage = stage
+            self._bar.reset(frames)
+            self._bar.set_description(f"{self._name}, {stage}")
+        self._bar.update(done - self._bar.n)
 
 
 def _size(path: Path) -> str:
