@@ -70,6 +70,11 @@ def add_parser(
         f"{_GENERAL}, which comes with the package and dresses any garment on any body",
     )
     parser.add_argument(
+        "--self-contact",
+        action="store_true",
+        help="take the garment out of itself where folds pass through each other; fusing then takes 3 times as long",
+    )
+    parser.add_argument(
         "--simulate",
         action="store_true",
         help="simulate the cloth instead, to compare (extra simulate); nothing is written where it goes wrong",
@@ -188,6 +193,7 @@ def _predicted(
     args: argparse.Namespace, source: Source, config: SimulateConfig, watch: _Stopwatch
 ) -> list[str]:
     """Write the figure with the garment as the network moves it; what there is to say of it."""
+    from fusion import FusionConfig  # noqa: PLC0415
     from imgtransfer.data.clip import Clip  # noqa: PLC0415
     from imgtransfer.dressing.deformed import predict_and_fuse  # noqa: PLC0415
     from imgtransfer.dressing.figure import figure_of  # noqa: PLC0415
@@ -210,7 +216,8 @@ def _predicted(
             with watch.of("writing"):
                 add(clip)
 
-        done = predict_and_fuse(model, reader, take, progress=bar.update)
+        fusion = FusionConfig(self_contact=args.self_contact)
+        done = predict_and_fuse(model, reader, take, fusion, progress=bar.update)
     watch.seconds |= {"predicting": done.predict_seconds, "fusing (all threads)": done.fuse_seconds}
     report = done.report
     body = report["crossing_percent"]["after"]
@@ -293,7 +300,7 @@ def _check_used(args: argparse.Namespace, config: SimulateConfig) -> None:
         "--garment FILE": () if own else _OF_GARMENT,
         "--garment FILE or a moving body": _OF_MESHES if motion and not own else (),
         "--simulate": () if args.simulate else ("pinned", "fabric"),
-        "networks, not with --simulate": ("model",) if args.simulate else (),
+        "networks, not with --simulate": ("model", "self_contact") if args.simulate else (),
     }
     for what, options in needs.items():
         for option in options:
