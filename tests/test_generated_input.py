@@ -45,6 +45,8 @@ def test_there_are_enough_of_every_command() -> None:
     commands = {case.argv[0] for case in cases().values() if case.argv}
     wanted = {
         "simulate",
+        "dress",
+        "view",
         "train",
         "predict",
         "fuse",

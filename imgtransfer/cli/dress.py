@@ -70,7 +70,14 @@ def add_parser(
         f"{_GENERAL}, which comes with the package and dresses any garment on any body",
     )
     parser.add_argument(
-        "--simulate", action="store_true", help="simulate the cloth instead, to compare (extra simulate)"
+        "--self-contact",
+        action="store_true",
+        help="take the garment out of itself where folds pass through each other; fusing then takes 3 times as long",
+    )
+    parser.add_argument(
+        "--simulate",
+        action="store_true",
+        help="simulate the cloth instead, to compare (extra simulate); nothing is written where it goes wrong",
     )
     parser.add_argument("--fabric", choices=_FABRICS, help="of the simulated cloth; default cotton")
     parser.add_argument(
@@ -106,7 +113,9 @@ def add_parser(
         help="YAML of what a BVH skeleton calls SMPL's joints, where its names do not tell (left_knee: Bone07)",
     )
     parser.add_argument(
-        "--anyway", action="store_true", help="go on although the checks of motion or meshes found something"
+        "--anyway",
+        action="store_true",
+        help="go on although the checks of motion, meshes or the simulated cloth found something",
     )
     _add_meshes(parser.add_argument_group("your own garment and body"))
     return parser
@@ -184,6 +193,7 @@ def _predicted(
     args: argparse.Namespace, source: Source, config: SimulateConfig, watch: _Stopwatch
 ) -> list[str]:
     """Write the figure with the garment as the network moves it; what there is to say of it."""
+    from fusion import FusionConfig  # noqa: PLC0415
     from imgtransfer.data.clip import Clip  # noqa: PLC0415
     from imgtransfer.dressing.deformed import predict_and_fuse  # noqa: PLC0415
     from imgtransfer.dressing.figure import figure_of  # noqa: PLC0415
@@ -206,7 +216,8 @@ def _predicted(
             with watch.of("writing"):
                 add(clip)
 
-        done = predict_and_fuse(model, reader, take, progress=bar.update)
+        fusion = FusionConfig(self_contact=args.self_contact)
+        done = predict_and_fuse(model, reader, take, fusion, progress=bar.update)
     watch.seconds |= {"predicting": done.predict_seconds, "fusing (all threads)": done.fuse_seconds}
     report = done.report
     body = report["crossing_percent"]["after"]
@@ -224,7 +235,9 @@ def _simulated(
     from imgtransfer.exports import written_animation  # noqa: PLC0415
 
     with _bar(len(source.frames), source.name) as bar, watch.of("simulating"):
-        clip, quality = simulate_source(source, config, progress=bar.update)
+        clip, quality = simulate_source(
+            source, config, anyway=args.anyway, progress=_Stages(bar, source.name)
+        )
     with (
         watch.of("writing"),
         written_animation(args.out, n_frames=clip.n_frames, frames_as=args.frames_as) as add,
@@ -255,6 +268,20 @@ def _bar(frames: int, name: str) -> Any:
     return tqdm(total=frames, desc=name, unit="frame", leave=False, disable=None)
 
 
+class _Stages:
+    """Shows the stages of a simulation on one bar, each from its beginning."""
+
+    def __init__(self, bar: Any, name: str) -> None:
+        self._bar, self._name, self._stage = bar, name, ""
+
+    def __call__(self, stage: str, done: int, frames: int) -> None:
+        if stage != self._stage:
+            self._stage = stage
+            self._bar.reset(frames)
+            self._bar.set_description(f"{self._name}, {stage}")
+        self._bar.update(done - self._bar.n)
+
+
 def _size(path: Path) -> str:
     return f", {path.stat().st_size / 1e6:.1f} MB" if path.is_file() else ""
 
@@ -273,7 +300,7 @@ def _check_used(args: argparse.Namespace, config: SimulateConfig) -> None:
         "--garment FILE": () if own else _OF_GARMENT,
         "--garment FILE or a moving body": _OF_MESHES if motion and not own else (),
         "--simulate": () if args.simulate else ("pinned", "fabric"),
-        "networks, not with --simulate": ("model",) if args.simulate else (),
+        "networks, not with --simulate": ("model", "self_contact") if args.simulate else (),
     }
     for what, options in needs.items():
         for option in options:

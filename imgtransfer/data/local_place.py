@@ -62,7 +62,7 @@ class LocalPlace:
         if size > limit:
             raise InputError(f"{path}: {size} bytes, where at most {limit} are wanted; the store is damaged")
         with path.open("rb") as file:
-            return file.read(limit)
+            return file.read(size)  # not `limit`, of which Python would set so much memory aside
 
     def read_many(self, keys: Sequence[str], limit: int = METADATA_LIMIT) -> list[bytes | None]:
         return [self._read_if_there(key, limit) for key in keys]

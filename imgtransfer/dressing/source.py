@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -147,7 +146,3 @@ def _check(motion: Motion, frames: range, path: Path, config: SimulateConfig, *,
     if not anyway:
         raise InputError(f"{text} ({Option('anyway', True)} goes on all the same)")
     _log.warning("note: %s", text)
-
-
-#: Called with a number of frames that are done.
-Progress = Callable[[int], object]

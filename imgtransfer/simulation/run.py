@@ -19,10 +19,14 @@ from imgtransfer.simulation.body_motion.dressed_body import BodyMotion, DressedB
 from imgtransfer.simulation.body_motion.skin import step_count
 from imgtransfer.simulation.body_motion.skinned import SkinnedBodyMotion
 from imgtransfer.simulation.body_motion.unskinned import MeshBodyMotion
-from imgtransfer.simulation.config import SimulateConfig, SolverConfig
+from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.quality import Quality, faults, measure, push_out
 from render import InputError
 from render.threads import one_blas_thread
+
+#: Called with what is being done ("settling", "warming up", "simulating", ", finer" after it in a second attempt), how
+#: many of its frames are done, and how many it has.
+Progress = Callable[[str, int, int], object]
 
 
 class Rejected(InputError):
@@ -34,7 +38,7 @@ def simulate_clip(
     motion: Motion | BodySequence,
     config: SimulateConfig,
     *,
-    progress: Callable[[int], object] | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Clip, Quality]:
     """Simulate the garment on the configuration's body that follows a motion, or on a body mesh sequence.
 
@@ -48,7 +52,7 @@ def simulate_clip(
     Args:
         motion: at any frame rate, or the body's own frames.
         config: of one garment and one body; its `clips` are not looked at.
-        progress: called with a number of frames when they are done, in either attempt.
+        progress: called as the work goes on.
 
     Returns:
         The clip, and what was measured on it.
@@ -61,9 +65,12 @@ def simulate_clip(
     body_motion: BodyMotion = kind(motion, config)  # type: ignore[arg-type]
     dressed, moved = body_motion.dressed, body_motion.body
     pattern = dressed.garment.mesh
+    told = progress or _nobody
+    told("settling", 0, round(config.solver.settle_seconds * config.fps))
     template = round_to_grid(settled(dressed, config.cloth, config.solver, config.fps))
-    for attempt in (config.solver, config.solver.finer()):
-        vertices, steps = _simulated(body_motion, template, config, attempt, progress)
+    for attempt, again in ((config.solver, ""), (config.solver.finer(), ", finer")):
+        tried = config.model_copy(update={"solver": attempt})
+        vertices, steps = _simulated(body_motion, template, tried, told, again)
         vertices, quality = _checked(dressed, vertices, moved, body_motion.fps)
         wrong = faults(quality, config.gates)
         if not wrong:
@@ -107,11 +114,11 @@ def _simulated(
     body_motion: BodyMotion,
     rest: np.ndarray,
     config: SimulateConfig,
-    solver: SolverConfig,
-    progress: Callable[[int], object] | None,
+    told: Progress,
+    again: str,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(T, N, 3) the cloth at every frame of the clip, the first after warming up, and (T - 1,) substeps of each."""
-    dressed = body_motion.dressed
+    dressed, solver = body_motion.dressed, config.solver
     cloth = dressed.cloth(config.cloth, solver)
     cloth.place(rest, np.zeros_like(rest), dressed.rest)
     skin = body_motion.skin
@@ -123,10 +130,16 @@ def _simulated(
         steps.append(count)
         for body, pinned in zip(*body_motion.between(number, count), strict=True):
             cloth.step(body, 1 / (body_motion.fps * count), pinned)
-        if progress is not None and number >= body_motion.start:
-            progress(1)
+        if number < body_motion.start:
+            told(f"warming up{again}", number, body_motion.start)
+        else:
+            told(f"simulating{again}", number - body_motion.start + 1, len(skin) - body_motion.start)
     vertices.append(cloth.vertices)
     return body_motion.placed(np.stack(vertices)), np.array(steps[body_motion.start :])
+
+
+def _nobody(stage: str, done: int, frames: int) -> None:
+    """Progress that nobody looks at."""
 
 
 def _checked(

@@ -24,6 +24,8 @@ from render import InputError
 if TYPE_CHECKING:  # a package of an extra
     from viser import SceneApi, ViserServer
 
+    from imgtransfer.viewing.live import LiveMotion
+
 _SKY, _GROUND = (255, 255, 255), (150, 150, 160)
 _IDLE_S = 0.5  # between looks at whether somebody has come, while something plays
 
@@ -57,8 +59,9 @@ class Show:
         self._figures: list[Figure] = []
         self._live_figure: Figure | None = None
         self._last: tuple[object, ...] = ()
-        # Whether the clip that was asked for is; what the page says of it stays until another is asked for.
-        self._unreadable = False
+        # Of the clip that was asked for; what the page says of it stays until another is asked for.
+        self._unreadable: InputError | None = None
+        self._fault: InputError | None = None  # of what is shown now
         server.scene.on_click()(self._clicked)
 
     def notify(self) -> None:
@@ -77,13 +80,16 @@ class Show:
             self.step()
 
     def step(self) -> None:
-        """Draw what has been asked for by now, if anything is new."""
+        """Draw what has been asked for by now, if anything is new.
+
+        What cannot be read the page says, and goes on with the rest.
+        """
         try:
-            self.draw()
-        except InputError as error:  # a damaged frame: the page stays, and says so
-            if self._play is not None:
-                self._play.pause()
-            self._look.show(self._look.look, [], str(error))
+            self._load()
+        except InputError as error:
+            self._unreadable = error
+        self._take_picks()
+        self._draw()
 
     def draw(self) -> None:
         """As `step`, for the first time.
@@ -91,11 +97,9 @@ class Show:
         Raises:
             InputError: what is asked for cannot be read.
         """
-        self._load()
-        if self._unreadable:
-            return
-        self._take_picks()
-        self._draw()
+        self.step()
+        if self._fault is not None:
+            raise self._fault
 
     def _pause(self) -> float | None:
         """Seconds until there may be something new; None where only a person makes something new."""
@@ -114,13 +118,12 @@ class Show:
         self._showings = showings
         for figure in self._figures:
             figure.remove()
-        self._figures, self._last, self._unreadable = [], (), True
+        self._figures, self._last, self._unreadable = [], (), None
         motions = motions_of(showings, truth_of(showings))
         self._figures = [
             Figure(self._server.scene, f"/clip/{number}", motion, self._pointed)
             for number, motion in enumerate(motions)
         ]
-        self._unreadable = False
         if new_clip:
             self._look.mark, self._look.scaled = None, "cloth"
             self._clock.start(max(motion.n_frames for motion in motions), motions[0].fps)
@@ -128,25 +131,53 @@ class Show:
 
     def _draw(self) -> None:
         """Draw what is new."""
-        live = None if self._live is None else self._live.motion()
+        self._fault = self._unreadable
+        live = self._live_motion()
         frame, look = self._frame(), self._look.look
-        state = (frame, look, live)
-        if state == self._last:
+        fault = str(self._fault or "")
+        if (frame, look, live, fault) == self._last:
             return
         self._with_live(live)
-        figures = self._all()
-        frames = [figure.motion.frame(min(frame, figure.motion.n_frames - 1)) for figure in figures]
+        drawn = [(figure, one) for figure in self._all() if (one := self._read(figure, frame)) is not None]
         if look.colours != self._look.scaled:
-            look = self._scaled(look, figures, frames)
+            look = self._scaled(look, drawn)
         with self._server.atomic():
-            self._lay_out(figures, look)
-            facts = [figure.draw(one, look) for figure, one in zip(figures, frames, strict=True)]
+            self._lay_out(self._all(), look)
+            facts = [of for figure, one in drawn if (of := self._facts(figure, one, look)) is not None]
             if self._play is not None:
                 self._play.show_frame(frame)
+        if self._fault is not None and self._play is not None:
+            self._play.pause()
         self._look.show(look, facts, self._note(look, facts))
-        self._last = (frame, look, live)
+        self._last = (frame, look, live, fault)
+
+    def _live_motion(self) -> LiveMotion | None:
+        """The live garment as it is asked for; None where there is none, or it cannot be had."""
+        try:
+            return None if self._live is None else self._live.motion()
+        except InputError as error:
+            self._fault = error
+            return None
+
+    def _read(self, figure: Figure, frame: int) -> Frame | None:
+        """A figure's frame; None where it cannot be read: the figure then stays as it was."""
+        try:
+            return figure.motion.frame(min(frame, figure.motion.n_frames - 1))
+        except InputError as error:
+            self._fault = error
+            return None
+
+    def _facts(self, figure: Figure, frame: Frame, look: Look) -> Facts | None:
+        """Draw a figure; what there is to say of it, None where its maps cannot be read."""
+        try:
+            return figure.draw(frame, look)
+        except InputError as error:
+            self._fault = error
+            return None
 
     def _note(self, look: Look, facts: list[Facts]) -> str:
+        if self._fault is not None:
+            return str(self._fault)
         if look.colours == "error" and not any(fact.mean for fact in facts):
             return "No error to show: it is measured against the first source that is no prediction; open that, too."
         return ""
@@ -172,11 +203,11 @@ class Show:
             shown.motion = live
         self._live_figure = shown
 
-    def _scaled(self, look: Look, figures: list[Figure], frames: list[Frame]) -> Look:
+    def _scaled(self, look: Look, drawn: list[tuple[Figure, Frame]]) -> Look:
         """The look with a scale that suits its new colours."""
         values = [
             of
-            for figure, frame in zip(figures, frames, strict=True)
+            for figure, frame in drawn
             if (of := figure.motion.dress.values(frame, look.colours)) is not None
         ]
         if look.colours in UNITS and not values:

@@ -90,7 +90,7 @@ LINES: dict[str, tuple[str, str]] = {
     "export-step-zero": ("export clip.npz --out out/a --step 0", "--step"),
     "export-step-negative": ("export clip.npz --out out/a.glb --step -3", "--step"),
     "export-step-digits": (f"export clip.npz --out out/a --step {'9' * 5000}", "--step"),
-    "export-ending": ("export clip.npz --out out/a.fbx", "--out"),
+    "export-ending": ("export clip.npz --out out/a.fbx", "out/a.fbx"),
     "export-npz-below-file": ("export clip.npz --out fusion.yaml/a.npz", "fusion.yaml"),
     "export-glb-below-file": ("export clip.npz --out fusion.yaml/a.glb", "fusion.yaml"),
     "export-usd-below-file": ("export clip.npz --out fusion.yaml/a.usd", "fusion.yaml"),
@@ -100,7 +100,7 @@ LINES: dict[str, tuple[str, str]] = {
     "export-npz-step": ("export clip.npz --step 2 --out out/a.npz", "--step"),
     "export-frames-as-file": ("export clip.npz --frames-as ply --out out/a.usd", "--frames-as"),
     "export-folder": ("export clip.npz --out p", "p"),
-    "export-glb-folder": ("export clip.npz --out .", "--out"),
+    "export-glb-folder": ("export clip.npz --out .", "give the name of a new folder"),
     "export-no-clip": ("export set --clip tube/none --out out/a", "tube/none"),
     "export-zip-of-npz": ("export clip.npz --out out/a.zip", "only a data set"),
     "export-zip-step": ("export set --step 2 --out out/a.zip", "--step"),
@@ -272,7 +272,7 @@ LINES: dict[str, tuple[str, str]] = {
 
 def argument_cases() -> list[Case]:
     """All of them."""
-    needs = ("set", "cloth.mtl", "weave.png")
+    needs = ("set", "template.obj", "cloth.mtl", "weave.png")
     return [
         Case(f"arguments-{name}", tuple(shlex.split(line)), needs, named=(named,))
         for name, (line, named) in LINES.items()

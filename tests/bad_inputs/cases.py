@@ -97,6 +97,7 @@ def _of_files() -> list[Case]:
         *_every(r.YAMLS, (*texts.WORD_FAULTS, *texts.LINE_FAULTS, *bytes_.PARTS), 6),
         *_every([r.MOTION], (*bytes_of_any, *texts.WORD_FAULTS, *texts.LINE_FAULTS)),
         *_every([r.MOTION], (*bytes_.PARTS, *texts.WORD_FAULTS, *texts.LINE_FAULTS), numbers=(1, 2)),
+        *_every([r.DRESSED_BVH], (*bytes_of_any, *texts.WORD_FAULTS, *texts.LINE_FAULTS), 16),
         *_every(r.MESHES[:1], (*bytes_of_any, *texts.WORD_FAULTS, *texts.LINE_FAULTS)),
         *_every(r.MESHES[1:], (*bytes_of_any, *texts.WORD_FAULTS, *texts.LINE_FAULTS), 10),
         *_every(r.FRAMES, (*bytes_of_any, *texts.WORD_FAULTS, *texts.LINE_FAULTS), 8),

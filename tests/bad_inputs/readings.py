@@ -9,6 +9,7 @@ _SMPL = "--smpl smpl --to out"
 _CLIP = "clip.npz"
 # Not simulated: all files are read before the clips are chosen, so that this is how good ones end, too.
 _NONE = "--clip none/none --out"
+_BEYOND = "--frames 9999: --out out/a.npz"  # likewise: the motion is read before its frames are chosen
 
 CLIPS = (
     Reading("export-npz", "export clip.npz --out out/a.npz", _CLIP),
@@ -79,6 +80,7 @@ OTHER_NPZ = (
         "motion.npz",
         named=("none/none",),
     ),
+    Reading("dress", f"dress motion.npz --garment tshirt {_BEYOND}", "motion.npz", named=("--frames",)),
 )
 _SET = "set/tube/train/"
 _OF_SET = ("tube/train", "clip npz")
@@ -154,6 +156,9 @@ MOTION = Reading(
     f"simulate motion.bvh {_NONE} out",
     "motion.bvh",
     named=("none/none", "nothing to simulate"),
+)
+DRESSED_BVH = Reading(
+    "dress-bvh", f"dress motion.bvh --garment tshirt {_BEYOND}", "motion.bvh", named=("--frames",)
 )
 _IMPORT = "--split train --anyway --to out"
 MESHES = (

@@ -125,6 +125,7 @@ def test_a_garment_of_the_user_s_keeps_its_vertices(folder: Path, capsys: pytest
         ("--garment tshirt --pinned", "--pinned goes with"),
         ("--garment tshirt --fabric silk", "--fabric goes with --simulate"),
         ("--garment tshirt --simulate --model a", "--model goes with networks, not with --simulate"),
+        ("--garment tshirt --simulate --self-contact", "--self-contact goes with networks, not with"),
         ("--garment tshirt --fps 0", "--fps 0: "),
         ("--garment tshirt --fps nan", "--fps nan: "),
         ("--garment tshirt --arms-out 99", "--arms-out 99: arms_out"),
