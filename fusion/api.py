@@ -29,7 +29,7 @@ def fuse(
     `warm_start`), frames are independent: the result does not depend on how they are batched beyond float rounding.
     It repeats exactly on the CPU.
 
-    The garment's collisions with itself are not handled.
+    The garment's collisions with itself are handled where `config.self_contact` asks for it.
 
     Args:
         imager: of the garment's template, with the cameras of the maps.
