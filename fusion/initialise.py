@@ -152,7 +152,7 @@ def _reads_its_place(imager: TemplateImager) -> np.ndarray:
     # Metres that a pixel spans at each vertex's depth.
     pixel = np.stack(
         [
-            camera.project(rest)[:, 2] / (camera.projection[1, 1] * camera.size[0] / 2)
+            camera.project(imager.places)[:, 2] / (camera.projection[1, 1] * camera.size[0] / 2)
             for camera in imager.cameras
         ]
     )

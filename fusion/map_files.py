@@ -166,7 +166,7 @@ class _MapReader:
                 f"{template.source}: {len(template.vertices)} vertices, but the maps were made with a template "
                 f"of {len(maps.template_vertices)}; give the mesh that they were made with"
             )
-        self.imager = TemplateImager.build(template, cameras=maps.cameras)
+        self.imager = maps.imager(template)
         self.grown = GrownMaps(self.imager, maps.mask, reading.erode)
         self._positions = from_positions
         self._normals = maps.normal is not None and not reading.positions_only

@@ -13,6 +13,7 @@ from render.errors import InputError
 # Azimuths in degrees: from the front (+z), on which the body looks, towards the person's left (+x).
 SIDES = {"front": 0.0, "left": 90.0, "back": 180.0, "right": -90.0}
 AUTO = "auto"
+UV = "uv"  # what the one image of a layout is called, which is no view (`render.maps.layout`)
 FOUR = tuple((SIDES[side], None) for side in ("front", "back", "left", "right"))
 HOW_TO_NAME_VIEWS = (
     f"{', '.join(SIDES)}, AZIMUTH/ELEVATION in degrees such as 45/20, AZIMUTH/auto, four, or ring:N"

@@ -117,7 +117,7 @@ def _own_pixels(imager: TemplateImager, links: PixelLinks) -> NDArray[np.int64]:
     own = np.full(imager.visible.shape, -1)
     for view, camera in enumerate(imager.cameras):
         seen = np.flatnonzero(imager.visible[view])
-        column, row = np.floor(camera.project(vertices[seen])[:, :2]).astype(np.int64).T
+        column, row = np.floor(camera.project(imager.places[seen])[:, :2]).astype(np.int64).T
         pixel = number[view, row.clip(0, height - 1), column.clip(0, width - 1)]
         far = np.linalg.norm(points[pixel] - vertices[seen], axis=1) > _NEAR * links.footprint
         own[view, seen] = np.where(far, -1, pixel)

@@ -12,6 +12,7 @@ from imgtransfer.data.canonical import RootMode
 from imgtransfer.network.encoder_config import AnyEncoderConfig, EncoderConfig
 from render import parse_views
 from render.limits import MAX_LAYERS, MAX_LENGTH
+from render.views import UV
 
 _Pixels = Annotated[int, Unit("pixels"), Field(ge=1, le=MAX_LENGTH)]
 
@@ -23,7 +24,9 @@ class MapsConfig(Section):
     views: tuple[str, ...] = Field(
         ("front", "back"),
         description="Where the images are taken from: a list of sides (front, back, left, right) and [azimuth, "
-        "elevation] in degrees, or `four`, or `ring:8`.",
+        "elevation] in degrees, or `four`, or `ring:8`; or `uv`, for images of garment and body laid out by xatlas "
+        "(table 7; imgtransfer[uv]). `uv` only with `layers: 1`, `network.body: images`, `training.mirror: false`, and "
+        "`network.guess: skinning` or `network.target: absolute`.",
     )
     layers: int = Field(
         1,
@@ -42,7 +45,22 @@ class MapsConfig(Section):
     def _known_views(cls, views: Any) -> tuple[str, ...]:
         if not isinstance(views, str | list | tuple):
             raise ValueError(f"views: a name or a list of views is wanted, found {views!r}")
+        if UV in views and list(views) in ([UV], list(UV)):
+            return (UV,)
+        if UV in views and not isinstance(views, str):
+            raise ValueError(f"views: {UV} stands alone, found {list(views)!r}")
         return tuple(view.name for view in parse_views(views))
+
+    @model_validator(mode="after")
+    def _one_layer(self) -> MapsConfig:
+        if self.laid_out and self.layers > 1:
+            raise ValueError(f"views: {UV} has one layer, found {self.layers}")
+        return self
+
+    @property
+    def laid_out(self) -> bool:
+        """Whether the images are of meshes laid out flat, and not of views."""
+        return self.views == (UV,)
 
 
 class HeadConfig(Section):
@@ -184,3 +202,23 @@ class NetworkConfig(Section):
         """The encoder's sizes where it is trained from scratch, as it always is with `body: local`."""
         assert isinstance(self.encoder, EncoderConfig)
         return self.encoder
+
+
+def check_laid_out(maps: MapsConfig, network: NetworkConfig, *, mirror: bool) -> None:
+    """Raise ValueError where `maps.views: uv` is asked for with what needs views.
+
+    Under a pixel of the garment's layout lies no pixel of the body's, and a chart's mirror image is no other chart.
+    """
+    if not maps.laid_out:
+        return
+    if network.body == "local":
+        raise ValueError(
+            f"maps.views: {UV} needs network.body: images; `local` looks for the body under the garment"
+        )
+    if network.target == "residual" and network.guess == "body":
+        raise ValueError(
+            f"maps.views: {UV} needs network.guess: skinning, or network.target: absolute; the body's images give no "
+            "first guess there"
+        )
+    if mirror:
+        raise ValueError(f"maps.views: {UV} needs training.mirror: false; a layout has no mirror image")

@@ -75,6 +75,7 @@ class BodyImager:
         box: of the garment's positions; the body's are encoded by the same.
         config: tells whether a first guess is wanted, and in which axes.
         device: where the maps are made.
+        layout: of the body, where garment and body are laid out flat; None images it with the garment's cameras.
 
     Raises:
         InputError: the body lies outside of a view.
@@ -89,9 +90,13 @@ class BodyImager:
         box: PositionBox,
         config: NetworkConfig,
         device: torch.device,
+        layout: Mesh | None = None,
     ) -> None:
         self.box = box
-        self.imager = TemplateImager.build(body, cameras=garment.cameras)
+        if layout is None:
+            self.imager = TemplateImager.build(body, cameras=garment.cameras)
+        else:
+            self.imager = TemplateImager.build(body, layout=layout, size=garment.size)
         self.mask = self.imager.mask.to(device)
         self._config, self._garment = config, garment
         self._guess: BodyGuess | None = None

@@ -15,6 +15,7 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.history import History
 from imgtransfer.network.kernel_head import KernelHead, corrected
+from imgtransfer.network.laid_out import garment_imager, layouts_of
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, covered, metric_maps
 from imgtransfer.network.mirror import Garment, Mirror
@@ -24,7 +25,7 @@ from imgtransfer.network.residuals import averaged_images, corrected_images
 from imgtransfer.network.shapes import check_clip, same_faces, same_template
 from imgtransfer.network.skinned import skinned_frames
 from imgtransfer.network.transfer import TransferNet, build_transfer_net
-from render import InputError, Mesh, PositionBox, TemplateImager, encode_normals
+from render import InputError, Mesh, PositionBox, encode_normals
 from render.threads import one_blas_thread
 
 FRAMES_AT_ONCE = 16
@@ -45,9 +46,10 @@ class TransferModel(nn.Module):
             (`dressed`), and `template` and `body` are only the first that the networks were trained on.
         networks: both, made already; new ones if None.
         architecture: of another model, whose encoder's weights are to follow; None reads a pretrained one's.
+        layouts: of template and body, with `maps.views: uv`; xatlas makes them if None.
 
     Raises:
-        InputError: the map size does not suit the encoder's patch, or a pretrained encoder cannot be had.
+        InputError: the map size does not suit the encoder's patch, or a pretrained encoder or xatlas cannot be had.
     """
 
     mask: Tensor
@@ -65,6 +67,7 @@ class TransferModel(nn.Module):
         general: bool = False,
         networks: tuple[LocalTransferNet | TransferNet, LocalTransferNet | TransferNet] | None = None,
         architecture: dict[str, Any] | None = None,
+        layouts: tuple[Mesh, Mesh] | None = None,
     ) -> None:
         super().__init__()
         if general and network.body != "local":
@@ -72,7 +75,8 @@ class TransferModel(nn.Module):
         self.body, self.general, self.asked = body, general, maps
         self.source = "the model"  # what messages call it
         self.mirrored_average = False  # whether predictions are means with those of the mirrored scene
-        self.imager = TemplateImager.build(template, views=maps.views, size=maps.size, layers=maps.layers)
+        self.layouts = layouts or layouts_of(maps, template, body)
+        self.imager = garment_imager(maps, template, self.layouts)
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
         views = tuple(camera.name for camera in self.imager.cameras if camera.layer == 0)
         self.maps, self.network, self.box = maps.model_copy(update={"views": views}), network, box
@@ -139,6 +143,7 @@ class TransferModel(nn.Module):
         return BodyImager(
             self.imager,
             body,
+            layout=None if self.layouts is None else self.layouts[1],
             shapes=[(clip.template.vertices, clip.body.rest) for clip in clips],
             box=self.box,
             config=self.network,

@@ -15,6 +15,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from imgtransfer.network import MapsConfig, NetworkConfig, TransferModel
+from imgtransfer.network.config import check_laid_out
 from imgtransfer.network.memory import least_weights
 from imgtransfer.network.shared_trunk import share_trunks
 from imgtransfer.training.head_state import empty_head
@@ -28,6 +29,7 @@ MODEL_FORMAT, STATE_FORMAT, FORMAT_VERSION = "imgtransfer-model", "imgtransfer-t
 # Large numbers of both signs that nearly cancel.
 NEVER_ROUNDED = frozenset({"head.weights", "head.offset", "head.width"})
 _UNREADABLE = (SafetensorError, OSError, ValueError, TypeError, KeyError, RuntimeError, MemoryError)
+_LAYOUTS = ("template_layout", "body_layout")
 READABLE_VERSIONS = (1, 2)  # version 1 has no body: its models know one shape
 
 
@@ -60,6 +62,9 @@ def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32
     if model.body is not None:
         tensors["body_vertices"] = torch.from_numpy(model.body.vertices)
         tensors["body_faces"] = torch.from_numpy(model.body.faces.astype(np.int32))
+    for name, layout in zip(_LAYOUTS, model.layouts or (), strict=False):
+        tensors[f"{name}_vertices"] = torch.from_numpy(layout.vertices)
+        tensors[f"{name}_faces"] = torch.from_numpy(layout.faces.astype(np.int32))
     header = {
         "format": MODEL_FORMAT,
         "format_version": FORMAT_VERSION,
@@ -99,6 +104,11 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
         box = PositionBox(np.asarray(header["box_lo"]), np.asarray(header["box_hi"]))
         template = _mesh(tensors, "template", path)
         body = _mesh(tensors, "body", path) if "body_vertices" in tensors else None
+        layouts = None
+        if maps.laid_out:
+            garment_layout, body_layout = (_mesh(tensors, name, path) for name in _LAYOUTS)
+            layouts = garment_layout, body_layout
+            check_laid_out(maps, network, mirror=header.get("mirrored_average", False))
         mirrored_average = header.get(
             "mirrored_average", False
         )  # models made before it was recorded have none
@@ -122,6 +132,7 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
         body=body,
         general=general,
         architecture=architecture,
+        layouts=layouts,
     )
     load_weights(model, tensors, path)
     share_trunks(model.position_net, model.normal_net)
@@ -265,7 +276,8 @@ def write_tensors(path: str | Path, tensors: dict[str, Tensor], header: dict[str
         )  # the format has no tensors in shared memory
         written.add(place)
     try:
-        with written_whole(Path(path)) as temporary:
+        # safetensors writes to a file of its own beside the one it is given, and renames that.
+        with written_whole(Path(path), own_folder=True) as temporary:
             save_file(whole, temporary, metadata={"imgtransfer": json.dumps(header)})
     except SafetensorError as error:  # instead of an OSError
         raise InputError(f"{path}: cannot be written ({said_by(error)})") from error

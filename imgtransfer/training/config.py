@@ -9,7 +9,7 @@ from annotated_types import Unit
 from pydantic import ConfigDict, Field, model_validator
 
 from imgtransfer.config.schema import Ratio, Section
-from imgtransfer.network.config import MapsConfig, NetworkConfig
+from imgtransfer.network.config import MapsConfig, NetworkConfig, check_laid_out
 
 
 class ClipChoice(Section):
@@ -204,4 +204,5 @@ class RunConfig(Section):
     def _trains(self) -> RunConfig:
         if self.training.steps == 0 and self.network.head.kind == "none":
             raise ValueError("training.steps: 0 needs network.head.kind: kernel; nothing would be trained")
+        check_laid_out(self.maps, self.network, mirror=self.training.mirror)
         return self

@@ -91,6 +91,7 @@ def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferMode
         box=known.box,
         body=known.body,
         architecture=known.architecture,
+        layouts=known.layouts,
     )
     # Of the models, not of the configurations: theirs have the elevations that were chosen for the template.
     _check_settings("maps", known.maps, model.maps, path)

@@ -55,7 +55,7 @@ class ClipMotion:
         if self._maps is None:
             return TemplateImager.build(self.dress.rest, size=_SIZE)
         maps, _ = self._map_window(0)
-        return TemplateImager.build(maps.template, cameras=maps.cameras)
+        return maps.imager()
 
     @cached_property
     def _box(self) -> PositionBox:

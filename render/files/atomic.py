@@ -13,17 +13,23 @@ from render.files.temporaries import put_in_place, temporary_beside
 
 
 @contextmanager
-def written_whole(target: Path) -> Iterator[Path]:
+def written_whole(target: Path, *, own_folder: bool = False) -> Iterator[Path]:
     """Yield a temporary file beside `target`; rename it to `target` on success, remove it on any error.
 
     The parent folder is made where it is missing. The temporary file keeps the suffix of `target`, because
     writers choose the format by it. What writers of `target` have left that were killed is removed.
 
+    Args:
+        target: the file.
+        own_folder: whether the temporary file lies in a temporary folder of its own, so that what a library writes
+            beside it on its way is removed with it.
+
     Raises:
         OSError: it cannot be written; the error names `target`.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    with errors_naming(target), temporary_beside(target) as temporary:
+    with errors_naming(target), temporary_beside(target, folder=own_folder) as made:
+        temporary = made / target.name if own_folder else made
         yield temporary
         temporary.chmod(0o644)  # the 0600 of temporary files would keep it from colleagues
         temporary.replace(target)

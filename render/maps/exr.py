@@ -67,6 +67,11 @@ def written_folder(folder: Path, *, file_format: str, version: int) -> Iterator[
 
         def add(maps: MapFile) -> None:
             nonlocal written
+            if maps.layout is not None:
+                raise InputError(
+                    f"{folder}: a folder of EXR images has no room for a layout, which maps of views: uv need; write "
+                    "an npz"
+                )
             if not written:
                 _write_obj(temporary / TEMPLATE, maps.template_vertices, maps.template_faces)
                 if maps.rest_vertices is not None:

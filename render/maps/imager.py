@@ -13,6 +13,7 @@ from render.cameras import Camera
 from render.errors import InputError
 from render.framing import frame_cameras
 from render.maps.encoding import PositionBox, encode_normals
+from render.maps.layout import check_layout, layout_camera, layout_sampling, one_place
 from render.maps.operator import MapOperator
 from render.maps.sampling import sampling
 from render.mesh.mesh import Mesh
@@ -36,10 +37,13 @@ class TemplateImager:
         faces: (F, 3) int64 tensor.
         normals: vertex normals (..., N, 3) of vertices (..., N, 3).
         size: (height, width).
+        layout: the mesh laid out flat (`render.maps.layout`), where that is projected in place of it; else None.
     """
 
-    def __init__(self, mesh: Mesh, cameras: tuple[Camera, ...], raster: Raster) -> None:
-        self.mesh, self.cameras, self.raster = mesh, cameras, raster
+    def __init__(
+        self, mesh: Mesh, cameras: tuple[Camera, ...], raster: Raster, layout: Mesh | None = None
+    ) -> None:
+        self.mesh, self.cameras, self.raster, self.layout = mesh, cameras, raster, layout
         self.size = cameras[0].size
         self.faces = torch.from_numpy(mesh.faces)
         self.operator = MapOperator(raster, mesh.faces, len(mesh.vertices))
@@ -49,7 +53,14 @@ class TemplateImager:
     @cached_property
     def _sampling(self) -> tuple[SparseProduct, np.ndarray]:
         """Made when it is first asked for: bodies are imaged, and never read back."""
-        return sampling(self.mesh, self.cameras, self.raster)
+        if self.layout is None:
+            return sampling(self.mesh, self.cameras, self.raster)
+        return layout_sampling(self.mesh, self.layout, self.cameras, self.raster)
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """(N, 3) metres, where the cameras see each vertex: at itself, or at one of its places in the layout."""
+        return self.mesh.vertices if self.layout is None else one_place(self.layout, self.mesh)
 
     @cached_property
     def visible(self) -> np.ndarray:
@@ -65,6 +76,7 @@ class TemplateImager:
         size: tuple[int, int] = (256, 256),
         layers: int = 1,
         cameras: Sequence[Camera] | None = None,
+        layout: Mesh | None = None,
         backend: str = "auto",
     ) -> TemplateImager:
         """Frame and rasterise a template.
@@ -76,11 +88,17 @@ class TemplateImager:
             layers: how many surfaces deep each view is imaged; layers that show nothing of the template are left
                 out. Not used if `cameras` is given.
             cameras: cameras of another template: the body is imaged with those of its garment.
+            layout: the mesh's faces laid out flat, to be projected in place of it by one camera that looks straight at
+                it, without `views` and `layers`; or by `cameras`, which look at the layout then.
             backend: as for `rasterize`.
 
         Raises:
-            InputError: whatever `frame_cameras` or `rasterize` refuses.
+            InputError: whatever `frame_cameras` or `rasterize` refuses, or a layout of another mesh.
         """
+        if layout is not None:
+            check_layout(layout, mesh)
+            looking = tuple(cameras or [layout_camera(layout, size)])
+            return cls(mesh, looking, rasterize(layout, looking, backend=backend), layout)
         if cameras is not None:
             return cls(mesh, tuple(cameras), rasterize(mesh, cameras, backend=backend))
         framed = frame_cameras(mesh, views=views, size=size, layers=layers)

@@ -14,13 +14,16 @@ from render.errors import InputError
 from render.limits import FARTHEST, check_rate, check_rotations
 from render.maps.encoding import PositionBox
 from render.maps.imager import TemplateImager
+from render.maps.layout import check_layout
 from render.mesh.mesh import Mesh, check_finite
 
 FORMAT, FORMAT_VERSION = "imgtransfer-maps", 3
 HEAVIEST = 1e6  # of a pixel's confidence, where 1 is as usual
 # Version 1 has no layers, depth or confidence, version 2 no rest_vertices.
-READABLE_VERSIONS = ("1", "2", "3")
-OPTIONAL = {"position", "normal", "layers", "confidence", "depth", "rest_vertices"}
+# 4 are those with a layout, which a reader of 3 would take for the template's silhouette.
+READABLE_VERSIONS = ("1", "2", "3", "4")
+_OF_A_LAYOUT = ("layout_vertices", "layout_faces")
+OPTIONAL = {"position", "normal", "layers", "confidence", "depth", "rest_vertices", *_OF_A_LAYOUT}
 BY_FRAME = ("position", "normal", "confidence", "rotation", "translation")
 
 
@@ -59,6 +62,8 @@ class MapFile:
             if unknown. Nothing is computed from it.
         rest_vertices: (N, 3) float64, metres, the garment as it lies on the body that these frames are of, where
             that is another shape than the template's; None if it is the template.
+        layout_vertices: (U, 3) float64, metres, and layout_faces: (F, 3) int64: the template laid out flat, where
+            the cameras look at that and not at the template; both None otherwise.
 
     Raises:
         InputError: a shape that does not fit the others, values that are not finite or cannot be meant
@@ -82,6 +87,8 @@ class MapFile:
     confidence: np.ndarray | None = None
     depth: np.ndarray | None = None
     rest_vertices: np.ndarray | None = None
+    layout_vertices: np.ndarray | None = None
+    layout_faces: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         maps = self.position if self.position is not None else self.normal
@@ -128,6 +135,8 @@ class MapFile:
         object.__setattr__(self, "fps", float(self.fps))
         object.__setattr__(self, "views", tuple(str(view) for view in self.views))
         object.__setattr__(self, "template_faces", self.template.faces)  # checks them
+        if self.layout is not None:
+            check_layout(self.layout, self.template)
         _ = self.cameras  # checks them
 
     def _check_sizes(self) -> None:
@@ -189,6 +198,8 @@ class MapFile:
             confidence=confidence,
             depth=imager.raster.depth,
             rest_vertices=rest_vertices,
+            layout_vertices=None if imager.layout is None else imager.layout.vertices,
+            layout_faces=None if imager.layout is None else imager.layout.faces,
         )
 
     @property
@@ -216,6 +227,25 @@ class MapFile:
         return Mesh(self.template_vertices, self.template_faces, source="maps: template")
 
     @property
+    def format_version(self) -> int:
+        """Of the file that these maps are written to."""
+        return FORMAT_VERSION if self.layout_vertices is None else FORMAT_VERSION + 1
+
+    @cached_property
+    def layout(self) -> Mesh | None:
+        """The template laid out flat, where the cameras look at that."""
+        if self.layout_vertices is None or self.layout_faces is None:
+            if self.layout_vertices is None and self.layout_faces is None:
+                return None
+            raise InputError("maps: layout_vertices and layout_faces need each other; one of them is missing")
+        return Mesh(self.layout_vertices, self.layout_faces, source="maps: layout")
+
+    def imager(self, template: Mesh | None = None) -> TemplateImager:
+        """The imager that the maps were made with; `template` in place of theirs, with the same faces."""
+        mesh = self.template if template is None else template
+        return TemplateImager.build(mesh, cameras=self.cameras, layout=self.layout)
+
+    @property
     def rest(self) -> Mesh:
         """The garment in the shape that the frames are of: `rest_vertices`, or else the template."""
         if self.rest_vertices is None:
@@ -224,7 +254,7 @@ class MapFile:
 
     @cached_property
     def cameras(self) -> tuple[Camera, ...]:
-        """The cameras: `TemplateImager.build(maps.template, cameras=maps.cameras)` makes the imager again."""
+        """The cameras; `imager` makes the imager again."""
         height, width = self.mask.shape[1:]
         assert self.layers is not None  # zeros were put there
         matrices = zip(self.views, self.view_matrices, self.projection_matrices, self.layers, strict=True)

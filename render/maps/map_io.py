@@ -174,7 +174,7 @@ def written_maps(path: Path | str) -> Iterator[Callable[[MapFile], None]]:
             values = {field.name: getattr(maps, field.name) for field in fields(maps)}
             if not started:
                 out.write("format", FORMAT)
-                out.write("format_version", FORMAT_VERSION)
+                out.write("format_version", maps.format_version)
             for name, value in values.items():
                 if value is not None and name in BY_FRAME:
                     out.append(name, value)

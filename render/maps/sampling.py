@@ -67,11 +67,31 @@ def sampling(mesh: Mesh, cameras: tuple[Camera, ...], raster: Raster) -> tuple[S
         The product from (..., S * H * W, C) to (..., S * N, C), and (S, N) bool, which vertices are visible:
         in free line of sight (section 3.3 of the paper) and with at least one pixel to be read from.
     """
+    rows, columns, values, visible = reading_weights(mesh, cameras, raster)
+    return SparseProduct(rows, columns, values, (visible.size, raster.face_id.size)), visible
+
+
+def reading_weights(
+    mesh: Mesh, cameras: tuple[Camera, ...], raster: Raster, parts: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The entries of `sampling`'s matrix.
+
+    Args:
+        mesh, cameras, raster: as of `sampling`.
+        parts: (N,) the part of the mesh that each vertex is in, where a visible one is to be read from pixels of its
+            part alone; None: from any that show its surface.
+
+    Returns:
+        Rows (K,), columns (K,) and values (K,), and (S, N) bool, which vertices are visible.
+    """
     pixels, n_vertices = raster.face_id[0].size, len(mesh.vertices)
     visible = np.zeros((len(cameras), n_vertices), bool)
     entries = []
     for view, camera in enumerate(cameras):
         vertices, window, own = _look_around(mesh, camera, raster, view)
+        if parts is not None:
+            of_face = parts[mesh.faces[:, 0]]
+            own &= of_face[raster.face_id[view].reshape(-1)[window.index]] == parts[vertices, None]
         seen = visible_vertices(mesh, camera)[vertices]
         seen &= (own & (window.distance <= _REACH)).any(axis=1)
         visible[view, vertices[seen]] = True
@@ -82,7 +102,7 @@ def sampling(mesh: Mesh, cameras: tuple[Camera, ...], raster: Raster) -> tuple[S
         place = view * n_vertices + vertices[row], view * pixels + window.index[row, column]
         entries.append((*place, weights[row, column]))
     rows, columns, values = (np.concatenate(parts) for parts in zip(*entries, strict=True))
-    return SparseProduct(rows, columns, values, (visible.size, raster.face_id.size)), visible
+    return rows, columns, values, visible
 
 
 def _look_around(

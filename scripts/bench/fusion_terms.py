@@ -33,7 +33,7 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import open_clips
 from imgtransfer.evaluation.metrics import evaluate_clip, mean_over_frames
 from imgtransfer.pipeline.folder import MAPS_FILE, clip_of_folder, predicted_clips
-from render import InputError, MapFile, TemplateImager, load_maps
+from render import InputError, MapFile, load_maps
 
 SOLVERS = ("local_global", "adam")
 # Rows that add to the line before.
@@ -52,7 +52,7 @@ COLUMNS = {
 def with_true_normals(maps: MapFile, truth: Clip) -> MapFile:
     """The same predicted positions with normal maps of the truth."""
     assert truth.garment is not None
-    imager = TemplateImager.build(maps.template, cameras=maps.cameras)
+    imager = maps.imager()
     canonical = RootFrames(maps.rotation, maps.translation).to_canonical(truth.garment.vertices)
     return replace(maps, normal=imager.normal_maps(torch.from_numpy(canonical)).numpy())
 

@@ -16,7 +16,7 @@ from torch import Tensor
 from imgtransfer.config.schema import Section
 from imgtransfer.data.clip import Clip
 from imgtransfer.deformers.base import Deformer, FitFolder
-from imgtransfer.network.config import MapsConfig, NetworkConfig
+from imgtransfer.network.config import MapsConfig, NetworkConfig, check_laid_out
 from imgtransfer.network.model import TransferModel
 from imgtransfer.pipeline.deform import deform
 from imgtransfer.training.checkpoint import (
@@ -49,6 +49,7 @@ class ImageTransferConfig(Section):
         for key in _COMMON:
             if getattr(self.training, key) != TrainingConfig.model_fields[key].default:
                 raise ValueError(f"training.{key}: of a method it stands at the top of the file, as {key}")
+        check_laid_out(self.maps, self.network, mirror=self.training.mirror)
         return self
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imgtransfer.data.clip_parts import Template
-from render.extras import optional
+from render.maps.layout import atlas
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +79,6 @@ def _coordinates(template: Template) -> tuple[np.ndarray, np.ndarray, np.ndarray
         known = bool((surface.uv_faces >= 0).all())
         if known and len(surface.uv_faces):
             return surface.uvs.astype(np.float64), surface.uv_faces, surface.vertices[surface.faces]
-    xatlas = optional("xatlas", "uv", "motion_guided, for a template without texture coordinates,")
-    vertices, faces, uvs = xatlas.parametrize(
-        np.ascontiguousarray(template.vertices, np.float32), np.ascontiguousarray(template.faces, np.uint32)
-    )
-    faces = faces.astype(np.int64)
-    return uvs.astype(np.float64), faces, vertices.astype(np.int64)[faces]
+    purpose = "motion_guided, for a template without texture coordinates,"
+    uvs, faces, origin = atlas(template.vertices, template.faces, purpose)
+    return uvs, faces, origin[faces]

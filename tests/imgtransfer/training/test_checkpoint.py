@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import os
 import resource
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,9 +20,10 @@ from safetensors.torch import save_file
 from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.memory import check_training_memory
-from imgtransfer.training.checkpoint import load_model, save_model
+from imgtransfer.training.checkpoint import load_model, save_model, write_tensors
 from render import InputError
 from tests.helpers.models import model_for
+from tests.helpers.paths import ROOT
 
 Parts = tuple[dict[str, torch.Tensor], dict[str, Any]]
 
@@ -142,3 +146,21 @@ def test_a_training_without_room_is_refused_before_it_takes_any() -> None:
         check_training_memory(wide, MapsConfig(), batch_frames=1)
     with pytest.raises(InputError, match=r"batches of 4096 frames of 2048 x 2048 pixels need"):
         check_training_memory(NetworkConfig(), MapsConfig(size=(2048, 2048)), batch_frames=4096)
+
+
+def test_a_writer_that_is_killed_leaves_nothing_that_the_next_does_not_remove(tmp_path: Path) -> None:
+    """safetensors writes to a hidden file of its own, whose name is not ours to know."""
+    target = tmp_path / "run" / "state.safetensors"
+    program = (
+        "import sys, torch; from imgtransfer.training.checkpoint import write_tensors\n"
+        "while True: write_tensors(sys.argv[1], {'a': torch.zeros(2**23)}, {})"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(target)], env=os.environ | {"PYTHONPATH": str(ROOT)}
+    ) as writer:
+        while not any(tmp_path.rglob(".tmp*")) and writer.poll() is None:
+            time.sleep(0.001)
+        writer.kill()
+    write_tensors(target, {"a": torch.zeros(2)}, {})
+    assert [path.name for path in target.parent.iterdir()] == [target.name]
+    assert target.stat().st_mode & 0o777 == 0o644
