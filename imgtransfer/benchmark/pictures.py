@@ -17,7 +17,8 @@ from render import contact_sheet
 from render.pictures import heat_colours
 
 LIMIT_MM = 50.0  # what the brightest colour stands for, in every picture, so that they can be compared
-_DRAWN, _PLAYED = (300, 220), (210, 160)  # (height, width) in pixels
+_DRAWN, _PLAYED = (300, 220), (180, 136)  # (height, width) in pixels
+_QUALITY = 70  # of what is played: a frame is then 2 kB, at which errors are still seen
 TRUTH = "truth"
 
 
@@ -117,4 +118,4 @@ def _spread(frames: int, count: int) -> list[int]:
 
 def _strip(images: Sequence[np.ndarray]) -> str:
     """Images beside each other as a URI; "" for none."""
-    return "" if not images else data_uri("jpeg", np.concatenate(list(images), axis=1))
+    return "" if not images else data_uri("webp", np.concatenate(list(images), axis=1), _QUALITY)
