@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from imgtransfer.data.clip import Clip
 from imgtransfer.data.clip_parts import Template
 from imgtransfer.deformers.base import FitFolder
 from imgtransfer.deformers.pose_regression import PoseRegression, PoseRegressionConfig
@@ -20,7 +18,7 @@ CLIP = tube_clip(24)
 REFLECT = np.float32([-1, 1, 1])
 
 
-def reflected(clip: Clip) -> Clip:
+def reflected(clip):
     """The clip as a mirror shows it; garment and body get the numbers of their mirrored vertices back."""
     order = Mirror.of(clip).vertices[:, 0]
     body = np.array(
@@ -38,11 +36,11 @@ def reflected(clip: Clip) -> Clip:
     )
 
 
-def distance_mm(deformer: PoseRegression, clip: Clip) -> float:
+def distance_mm(deformer, clip):
     return 1e3 * float(np.linalg.norm(deformer.predict(clip) - clip.garment.vertices, axis=-1).mean())
 
 
-def test_left_and_right_change_places_and_turns_are_mirrored() -> None:
+def test_left_and_right_change_places_and_turns_are_mirrored():
     mirror = Mirror(np.array([0, 2, 1]), np.array([[0]]), np.array([[1.0]]))
     poses, wanted = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
     poses[0, 0, 2] = 0.3  # leans to its right
@@ -57,7 +55,7 @@ def test_left_and_right_change_places_and_turns_are_mirrored() -> None:
     np.testing.assert_allclose(mirror.features(seen), mirrored, atol=1e-7)
 
 
-def test_residuals_are_those_of_the_vertices_on_the_other_side() -> None:
+def test_residuals_are_those_of_the_vertices_on_the_other_side():
     mirror = Mirror.of(CLIP)
     residuals = np.random.default_rng(0).normal(size=(2, CLIP.template.vertices.size)).astype(np.float32)
     mirrored = mirror.residuals(residuals).reshape(2, -1, 3)
@@ -68,7 +66,7 @@ def test_residuals_are_those_of_the_vertices_on_the_other_side() -> None:
     np.testing.assert_allclose(mirror.residuals(mirror.residuals(residuals)), residuals, atol=1e-4)
 
 
-def test_what_is_not_alike_on_both_sides_has_no_mirror() -> None:
+def test_what_is_not_alike_on_both_sides_has_no_mirror():
     joints = CLIP.skeleton.joints_rest.copy()
     joints[1, 0] += 0.1
     assert Mirror.of(with_arrays(CLIP, joints_rest=joints)) is None
@@ -77,7 +75,7 @@ def test_what_is_not_alike_on_both_sides_has_no_mirror() -> None:
     assert Mirror.of(replace(CLIP, template=Template(aside, CLIP.template.faces))) is None
 
 
-def test_a_bend_to_one_side_teaches_the_other(tmp_path: Path) -> None:
+def test_a_bend_to_one_side_teaches_the_other(tmp_path):
     other = reflected(CLIP)
     errors = {}
     for mirror in (False, True):
