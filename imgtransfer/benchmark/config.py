@@ -96,7 +96,7 @@ class BenchmarkConfig(Section):
         3, ge=0, le=50, description="Of each test clip, evenly spread, that are drawn for every method."
     )
     played: Annotated[int, Unit("frames")] = Field(
-        20,
+        12,
         ge=0,
         le=200,
         description="Of each test clip, evenly spread, that the page plays; 0, as of `pictures`, draws none.",

@@ -60,7 +60,9 @@ def write_benchmark_page(
 
 
 class _Embedded:
-    """What of the clips' pictures stands in the page: sheets before strips, the first clips before the last.
+    """What of the clips' pictures stands in the page: strips before sheets, which are files of their own as well.
+
+    The first clips come before the last.
 
     Args:
         clips: of all garments.
@@ -71,17 +73,17 @@ class _Embedded:
         self.sheets: dict[ClipPictures, str | None] = {}
         self.strips: dict[ClipPictures, list[Strip]] = {}
         for clip in clips:
-            source = None if clip.sheet is None else data_uri("webp", clip.sheet)
-            self.sheets[clip] = source if source is not None and budget.take(source) else None
-        for clip in clips:
             fit = budget.take(*(strip.source for strip in clip.strips))
             self.strips[clip] = clip.strips if fit else []
+        for clip in clips:
+            source = None if clip.sheet is None else data_uri("webp", clip.sheet)
+            self.sheets[clip] = source if source is not None and budget.take(source) else None
 
     def left_out(self) -> list[str]:
         """What does not, in words."""
         drawn = sum(clip.sheet is not None and source is None for clip, source in self.sheets.items())
         played = sum(bool(clip.strips) and not strips for clip, strips in self.strips.items())
-        kinds = ((drawn, "the drawn frames"), (played, "the played frames"))
+        kinds = ((played, "the played frames"), (drawn, "the drawn frames"))
         return [f"{kind} of {count} of {len(self.sheets)} clips" for count, kind in kinds if count]
 
 

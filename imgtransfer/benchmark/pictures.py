@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,12 +12,13 @@ from imgtransfer.data.canonical import root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.pipeline.predictions import predicted_vertices
 from imgtransfer.report.page_pictures import data_uri
-from imgtransfer.report.pictures import SKIN, ShadedMesh, error_picture, mesh_picture, picture_camera
-from render import Camera, contact_sheet
+from imgtransfer.report.pictures import CLOTH, SKIN, ShadedMesh, mesh_pictures, picture_camera, with_scale
+from render import contact_sheet
 from render.pictures import heat_colours
 
 LIMIT_MM = 50.0  # what the brightest colour stands for, in every picture, so that they can be compared
-_DRAWN, _PLAYED = (300, 220), (210, 160)  # (height, width) in pixels
+_DRAWN, _PLAYED = (300, 220), (180, 136)  # (height, width) in pixels
+_QUALITY = 70  # of what is played: a frame is then 2 kB, at which errors are still seen
 TRUTH = "truth"
 
 
@@ -80,34 +81,26 @@ def clip_pictures(clip: Clip, candidates: Sequence[Candidate], *, shown: int, pl
     camera, small = (picture_camera(truth, size=size) for size in (_DRAWN, _PLAYED))
     chosen, numbers = _spread(clip.n_frames, shown), _spread(clip.n_frames, played)
 
-    def drawn(which: Camera, t: int) -> np.ndarray:
-        return mesh_picture([_body(clip, body[t]), ShadedMesh(truth[t], clip.template.faces)], which)
+    def scenes(
+        points: np.ndarray, times: list[int], colours: np.ndarray | None
+    ) -> Iterator[list[ShadedMesh]]:
+        for t in times:
+            garment = ShadedMesh(points[t], clip.template.faces, CLOTH if colours is None else colours[t])
+            yield [ShadedMesh(body[t], clip.body.faces, SKIN), garment]
 
-    rows = [[drawn(camera, t) for t in chosen]]
-    strips = [Strip(TRUTH, _strip([drawn(small, t) for t in numbers]))]
+    def row(points: np.ndarray, colours: np.ndarray | None = None) -> tuple[list[np.ndarray], str]:
+        """What the sheet shows of a garment, and its strip."""
+        large = mesh_pictures(scenes(points, chosen, colours), camera)
+        return large, _strip(mesh_pictures(scenes(points, numbers, colours), small))
+
+    images, strip = row(truth)
+    rows, strips = [images], [Strip(TRUTH, strip)]
     for candidate in candidates:
         points = frames.to_canonical(predicted_vertices(candidate.file))
         distance = 1e3 * np.linalg.norm(points - truth, axis=-1)
-        rows.append(
-            [
-                error_picture(
-                    ShadedMesh(points[t], clip.template.faces),
-                    distance[t],
-                    limit_mm=LIMIT_MM,
-                    body=_body(clip, body[t]),
-                    camera=camera,
-                )
-                for t in chosen
-            ]
-        )
-        coloured = [
-            ShadedMesh(points[t], clip.template.faces, heat_colours(distance[t] / LIMIT_MM) / 255)
-            for t in numbers
-        ]
-        images = [
-            mesh_picture([_body(clip, body[t]), one], small) for t, one in zip(numbers, coloured, strict=True)
-        ]
-        strips.append(Strip(candidate.row, _strip(images)))
+        images, strip = row(points, heat_colours(distance / LIMIT_MM) / 255)
+        rows.append([with_scale(image, limit_mm=LIMIT_MM) for image in images])
+        strips.append(Strip(candidate.row, strip))
     sheet = None
     if chosen:
         sheet = contact_sheet(
@@ -119,14 +112,10 @@ def clip_pictures(clip: Clip, candidates: Sequence[Candidate], *, shown: int, pl
     return ClipPictures(clip.name, sheet, strips if numbers else [], numbers)
 
 
-def _body(clip: Clip, vertices: np.ndarray) -> ShadedMesh:
-    return ShadedMesh(vertices, clip.body.faces, SKIN)
-
-
 def _spread(frames: int, count: int) -> list[int]:
     return [int(t) for t in np.unique(np.linspace(0, frames - 1, count).round())]
 
 
 def _strip(images: Sequence[np.ndarray]) -> str:
     """Images beside each other as a URI; "" for none."""
-    return "" if not images else data_uri("jpeg", np.concatenate(list(images), axis=1))
+    return "" if not images else data_uri("webp", np.concatenate(list(images), axis=1), _QUALITY)

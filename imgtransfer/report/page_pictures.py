@@ -11,21 +11,20 @@ import numpy as np
 PICTURE_BYTES = 3_000_000  # of all pictures of a page, as they stand in it
 _SLACK = 0.97  # a picture's bytes fall a little more slowly than its pixels
 _WEBP_SIDE = 16383  # pixels, more than which the format cannot have
-_QUALITY: dict[str, list[int]] = {
-    "jpeg": [cv2.IMWRITE_JPEG_QUALITY, 85],
-    "png": [],
-    "webp": [cv2.IMWRITE_WEBP_QUALITY, 85],
-}
+_QUALITY: dict[str, int] = {"jpeg": cv2.IMWRITE_JPEG_QUALITY, "webp": cv2.IMWRITE_WEBP_QUALITY}
 
 
-def data_uri(kind: str, image: np.ndarray) -> str:
-    """An image (H, W, 3) uint8 RGB inside a URI; `kind` is "png", "webp" or "jpeg", of which only the first keeps all.
+def data_uri(kind: str, image: np.ndarray, quality: int = 85) -> str:
+    """An image (H, W, 3) uint8 RGB inside a URI.
 
-    What is too long a picture for WebP becomes a JPEG.
+    Args:
+        kind: "png", "webp" or "jpeg", of which only the first keeps all. Too long a picture for WebP becomes a JPEG.
+        quality: of the other two, up to 100.
     """
     if kind == "webp" and max(image.shape[:2]) > _WEBP_SIDE:
         kind = "jpeg"
-    data = cv2.imencode(f".{kind}", np.ascontiguousarray(image[..., ::-1]), _QUALITY[kind])[1]
+    options = [_QUALITY[kind], quality] if kind in _QUALITY else []
+    data = cv2.imencode(f".{kind}", np.ascontiguousarray(image[..., ::-1]), options)[1]
     return f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode()}"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -11,13 +11,13 @@ import torch
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from imgtransfer.report.shading import Surface, draw_lit, lit
 from render import Camera, Mesh, frame_cameras, rasterize, vertex_normals
 from render.pictures import heat_colours, scale_bar
+from render.raster import GLContext, drawing_context
 
 SKIN, CLOTH = (0.87, 0.78, 0.71), (0.36, 0.55, 0.80)
 _SMOOTHING = 2  # pixels are drawn this many times as fine in each direction, and averaged
-_LIGHT = np.array([0.35, 0.55, 0.76])  # from above, over the viewer's right shoulder, in camera axes
-_AMBIENT, _DIFFUSE, _HIGHLIGHT = 0.42, 0.55, 0.06
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +74,37 @@ def mesh_picture(
     Returns:
         (H, W, 3) uint8.
     """
+    camera = camera or picture_camera(np.concatenate([surface.vertices for surface in surfaces]))
+    (picture,) = mesh_pictures([surfaces], camera, backend=backend)
+    return picture
+
+
+def mesh_pictures(
+    scenes: Iterable[Sequence[ShadedMesh]], camera: Camera, *, backend: str = "auto"
+) -> list[np.ndarray]:
+    """A picture of each scene, as `mesh_picture` draws it; many at once take much less time.
+
+    Args:
+        scenes: of each, the meshes in it. camera: from `picture_camera`.
+        backend: as for `render.rasterize`.
+
+    Returns:
+        (H, W, 3) uint8 each.
+    """
+    height, width = (pixels // _SMOOTHING for pixels in camera.size)
+    with drawing_context(backend) as context:
+        return [
+            cv2.resize(
+                _fine_picture(_joined(surfaces), camera, context),
+                (width, height),
+                interpolation=cv2.INTER_AREA,
+            )
+            for surfaces in scenes
+        ]
+
+
+def _joined(surfaces: Sequence[ShadedMesh]) -> Surface:
+    """All meshes of a scene as one, each with the normals it has by itself."""
     vertices = np.concatenate([np.asarray(surface.vertices, np.float64) for surface in surfaces])
     starts = np.cumsum([0] + [len(surface.vertices) for surface in surfaces])
     faces = np.concatenate(
@@ -82,19 +113,21 @@ def mesh_picture(
     colours = np.concatenate(
         [np.broadcast_to(np.asarray(s.colour, np.float64), (len(s.vertices), 3)) for s in surfaces]
     )
-    camera = camera or picture_camera(vertices)
-    raster = rasterize(Mesh(vertices, faces, "picture"), [camera], backend=backend)
-    face_id, weights, mask = raster.face_id[0], raster.barycentric[0], raster.mask[0]
     normals = vertex_normals(torch.from_numpy(vertices), torch.from_numpy(faces.astype(np.int64))).numpy()
-    corners, weights = faces[face_id[mask]], weights[mask][..., None]
-    normal = (normals[corners] * weights).sum(axis=1) @ camera.view[:3, :3].T
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
-    normal *= np.where(normal[:, 2:] < 0, -1, 1)  # the inside of cloth is lit as its outside
+    return Surface(vertices, faces, normals, colours)
+
+
+def _fine_picture(surface: Surface, camera: Camera, context: GLContext | None) -> np.ndarray:
+    """(H, W, 3) uint8 in the camera's own size; without a context NumPy draws."""
+    if context is not None:
+        return draw_lit(context, surface, camera)
+    raster = rasterize(Mesh(surface.vertices, surface.faces, "picture"), [camera], backend="numpy")
+    face_id, weights, mask = raster.face_id[0], raster.barycentric[0], raster.mask[0]
+    corners, weights = surface.faces[face_id[mask]], weights[mask][..., None]
+    normal = (surface.normals[corners] * weights).sum(axis=1) @ camera.view[:3, :3].T
     picture = np.ones((*mask.shape, 3))
-    picture[mask] = _shade((colours[corners] * weights).sum(axis=1), normal)
-    height, width = camera.size
-    small = cv2.resize(picture, (width // _SMOOTHING, height // _SMOOTHING), interpolation=cv2.INTER_AREA)
-    return (small.clip(0, 1) * 255).round().astype(np.uint8)
+    picture[mask] = lit((surface.colours[corners] * weights).sum(axis=1), normal)
+    return (picture.clip(0, 1) * 255).round().astype(np.uint8)
 
 
 def error_picture(
@@ -122,6 +155,11 @@ def error_picture(
         garment.vertices, garment.faces, heat_colours(np.asarray(distance_mm) / limit_mm) / 255
     )
     picture = mesh_picture([coloured] if body is None else [body, coloured], camera, backend=backend)
+    return with_scale(picture, limit_mm=limit_mm)
+
+
+def with_scale(picture: np.ndarray, *, limit_mm: float) -> np.ndarray:
+    """A picture (H, W, 3) with the colour bar of errors up to a limit below it: (H + 44, W, 3) uint8."""
     return np.concatenate([picture, scale_bar(picture.shape[1], limit_mm, "mm")])
 
 
@@ -159,12 +197,3 @@ def curve_picture(
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _shade(colour: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(P, 3) colours and unit normals in camera axes -> (P, 3) lit colours: Lambert and a faint highlight."""
-    towards = normal @ (_LIGHT / np.linalg.norm(_LIGHT))
-    reflected = 2 * towards * normal[:, 2] - _LIGHT[2] / np.linalg.norm(_LIGHT)
-    light = _AMBIENT + _DIFFUSE * np.clip(towards, 0, 1) + 0.12 * np.clip(normal[:, 2], 0, 1)
-    highlight = _HIGHLIGHT * np.clip(reflected, 0, 1) ** 12
-    return colour * light[:, None] + highlight[:, None]

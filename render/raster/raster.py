@@ -15,7 +15,7 @@ from render.errors import InputError
 from render.limits import MAX_LENGTH
 from render.memory import check_memory
 from render.mesh.mesh import Mesh
-from render.raster.context import GL_BACKENDS, GLUnavailableError, open_context
+from render.raster.context import GL_BACKENDS, GLContext, GLUnavailableError, open_context
 from render.raster.gl import gl_face_ids
 from render.raster.reference import reference_face_ids
 from render.raster.screen import ScreenFaces, screen_faces
@@ -85,7 +85,8 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
     check_memory(
         len(cameras) * height * width * _BYTES_A_PIXEL, f"{len(cameras)} images of {height} x {width} pixels"
     )
-    with _drawing(backend) as (name, face_ids):
+    with drawing_context(backend) as context:
+        face_ids = reference_face_ids if context is None else partial(gl_face_ids, context)
         drawn = _draw(mesh, cameras, face_ids)
     for camera, ids in zip(cameras, drawn, strict=True):
         if camera.layer == 0 and (ids < 0).all():
@@ -96,7 +97,7 @@ def rasterize(mesh: Mesh, cameras: Sequence[Camera], *, backend: str = "auto") -
     places = [surface_points(mesh, camera, ids) for camera, ids in zip(cameras, drawn, strict=True)]
     barycentric = np.stack([place[0] for place in places])
     depth = np.stack([place[1] for place in places]).astype(np.float32)
-    return Raster(np.stack(drawn), barycentric, depth, name)
+    return Raster(np.stack(drawn), barycentric, depth, "numpy" if context is None else context.backend)
 
 
 def _draw(mesh: Mesh, cameras: Sequence[Camera], face_ids: _FaceIds) -> list[np.ndarray]:
@@ -147,8 +148,15 @@ def surface_points(mesh: Mesh, camera: Camera, face_id: np.ndarray) -> tuple[np.
 
 
 @contextmanager
-def _drawing(backend: str) -> Iterator[tuple[str, _FaceIds]]:
-    """The backend's name and its function for face ids, usable inside the `with` block."""
+def drawing_context(backend: str) -> Iterator[GLContext | None]:
+    """The open context of a backend inside the `with` block; None where NumPy draws.
+
+    Args:
+        backend: as for `rasterize`.
+
+    Raises:
+        InputError: an unknown or unavailable backend.
+    """
     if backend not in BACKENDS:
         raise InputError(f"backend must be one of {', '.join(BACKENDS)}; found '{backend}'")
     failures = []
@@ -161,7 +169,7 @@ def _drawing(backend: str) -> Iterator[tuple[str, _FaceIds]]:
             except GLUnavailableError as error:
                 failures.append(error)
                 continue
-            yield name, partial(gl_face_ids, context)
+            yield context
             return
     if backend in GL_BACKENDS:
         raise InputError(f"no GL from '{failures[0]}'; {failures[0].remedy}")
@@ -171,4 +179,4 @@ def _drawing(backend: str) -> Iterator[tuple[str, _FaceIds]]:
             f"To mend this {failures[0].remedy}",
             stacklevel=4,
         )
-    yield "numpy", reference_face_ids
+    yield None

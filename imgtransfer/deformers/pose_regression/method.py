@@ -17,12 +17,15 @@ from imgtransfer.deformers.base import Deformer, FitFolder, same_garment
 from imgtransfer.deformers.lbs.method import LbsConfig, skinned, skinned_of, skinned_tensors
 from imgtransfer.deformers.lbs.skinned import SkinnedGarment, posed, turns
 from imgtransfer.deformers.pose_regression.features import SIZE, pose_features
-from imgtransfer.deformers.pose_regression.regression import KernelRegression
+from imgtransfer.deformers.pose_regression.mirror import Mirror
+from imgtransfer.deformers.pose_regression.regression import KernelRegression, one_width
 from imgtransfer.deformers.pose_regression.selection import choose
 from imgtransfer.training.head_fit import left_out_groups
 from render import InputError
 
 _SELECTING = 400  # frames at most that widths are chosen on
+_PLAIN = np.sqrt([1.0, 0.3])  # scales of a joint now and before, in the regression that chooses none
+_PLAIN_RIDGE = 0.1
 
 
 class PoseRegressionConfig(LbsConfig):
@@ -53,23 +56,30 @@ class PoseRegressionConfig(LbsConfig):
         3000,
         ge=2,
         le=20_000,
-        description="Training frames at most, evenly taken; memory grows with their square.",
+        description="Training frames at most, evenly taken, mirror images included; memory grows with their square.",
+    )
+    mirror: bool = Field(
+        True,
+        description="Whether to fit to the mirror image of every frame as well, where skeleton and garment at rest are "
+        "alike on the left and the right; where they are not, it is left out.",
     )
 
 
 class PoseRegression(Deformer):
     """What skinning lacks is regressed vertex by vertex in the axes of each vertex's own rotation, then posed.
 
-    x = Σ_k w_k T_k x₀ + R r(pose), R being the rotation nearest to the blended transform Σ_k w_k T_k, and r a
-    `KernelRegression`. Joints, kernel widths and ridge are those that predict training clips best that are left out.
+    x = Σ_k w_k T_k x₀ + R r(pose), R being the rotation nearest to the blended transform Σ_k w_k T_k, and r the mean of
+    two `KernelRegression`s of the same joints: one whose kernel widths and ridge, as the joints, are those that predict
+    training clips best that are left out, and one of the same width for all, whose errors are others.
+    Mirror images of the training frames, where there are such, are left out with them.
     """
 
     name: ClassVar[str] = "pose_regression"
     Config = PoseRegressionConfig
     garment: SkinnedGarment
     joints: np.ndarray  # (J,) int
-    scales: np.ndarray  # (J, 2) float64, now and before
-    regression: KernelRegression
+    scales: np.ndarray  # (2, J, 2) float64, of both regressions, of each joint now and before
+    regressions: tuple[KernelRegression, KernelRegression]
 
     def fit(self, clips: Sequence[Clip], folder: FitFolder) -> None:
         config = self._settings()
@@ -79,28 +89,39 @@ class PoseRegression(Deformer):
         features = [pose_features(clip, config.history_s) for clip in clips]
         _check_joints(clips, features)
         lengths = [clip.n_frames for clip in clips]
-        taken = _spread(sum(lengths), config.most_frames)
+        mirror = Mirror.of(clips[0]) if config.mirror else None
+        images = 1 if mirror is None else 2
+        taken = _spread(sum(lengths), max(2, config.most_frames // images))
         starts = np.repeat(np.cumsum([0, *lengths[:-1]]), lengths)
         groups = left_out_groups(starts, config.groups).numpy()
         if len(np.unique(groups)) < 2:
             raise InputError(
                 f"{clips[0].name}: one frame, and pose_regression needs two at least to be fitted to"
             )
-        seen = np.concatenate(features)
+        seen = np.concatenate(features)[taken]
         residuals = np.concatenate(
             [
                 self._residual(clip)[_of_clip(taken, start, clip)]
                 for clip, start in zip(clips, np.unique(starts), strict=True)
             ]
         )
-        few = _spread(len(taken), _SELECTING)
-        choice = choose(
-            seen[taken[few]], residuals[few], groups[taken[few]], joints=config.joints, steps=config.steps
-        )
-        self.joints, self.scales = choice.joints, choice.scales
+        few = _spread(len(taken), _SELECTING // images)
+        groups = groups[taken]
+        if mirror is not None:
+            seen = np.concatenate([seen, mirror.features(seen)])
+            residuals = np.concatenate([residuals, mirror.residuals(residuals)])
+            few, groups = np.concatenate([few, len(taken) + few]), np.tile(groups, 2)
+        choice = choose(seen[few], residuals[few], groups[few], joints=config.joints, steps=config.steps)
+        self.joints = choice.joints
+        plain = np.broadcast_to(_PLAIN, choice.scales.shape)
+        self.scales = np.stack([choice.scales, one_width(self._scaled(seen, plain)) * plain])
         # Of more frames each has more neighbours, whose noise the ridge averages.
-        ridge = choice.ridge * len(taken) / len(few)
-        self.regression = KernelRegression.fit(self._scaled(seen[taken]), residuals, ridge)
+        ridges = (choice.ridge * len(seen) / len(few), _PLAIN_RIDGE)
+        first, second = (
+            KernelRegression.fit(self._scaled(seen, scales), residuals, ridge)
+            for scales, ridge in zip(self.scales, ridges, strict=True)
+        )
+        self.regressions = first, second
 
     def predict(self, clip: Clip) -> np.ndarray:
         blended = self.garment.blended(clip)
@@ -110,7 +131,11 @@ class PoseRegression(Deformer):
                 f"{clip.name}: {features.shape[1]} joints in poses, and the method was fitted to more; clips of one "
                 "skeleton are wanted"
             )
-        residual = self.regression(self._scaled(features)).reshape(len(features), -1, 3)
+        predicted = [
+            one(self._scaled(features, scales))
+            for one, scales in zip(self.regressions, self.scales, strict=True)
+        ]
+        residual = np.mean(predicted, axis=0).reshape(len(features), -1, 3)
         moved = (
             posed(blended, clip.template.vertices) + np.matmul(turns(blended), residual[..., None])[..., 0]
         )
@@ -120,21 +145,21 @@ class PoseRegression(Deformer):
         values = {
             "joints": self.joints.astype(np.int64),
             "scales": self.scales,
-            "support": self.regression.support,
-            "coefficients": self.regression.coefficients,
-            "mean": self.regression.mean,
+            "support": np.stack([one.support for one in self.regressions]),
+            "coefficients": np.stack([one.coefficients for one in self.regressions]),
+            "mean": self.regressions[0].mean,
         }
         return skinned_tensors(self.garment) | {key: torch.from_numpy(value) for key, value in values.items()}
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
         self.garment = skinned_of(tensors)
-        count = len(tensors["support"])
+        count = tensors["support"].shape[1] if tensors["support"].ndim == 3 else 0
         joints = len(tensors["joints"])
         wanted = {
             "joints": (joints,),
-            "scales": (joints, 2),
-            "support": (count, 2 * SIZE * joints),
-            "coefficients": (count, 3 * len(self.garment.weights)),
+            "scales": (2, joints, 2),
+            "support": (2, count, 2 * SIZE * joints),
+            "coefficients": (2, count, 3 * len(self.garment.weights)),
             "mean": (3 * len(self.garment.weights),),
         }
         for key, shape in wanted.items():
@@ -144,7 +169,11 @@ class PoseRegression(Deformer):
             raise ValueError("joints must be numbers from 0 on")
         values = {key: tensors[key].numpy() for key in wanted}
         self.joints, self.scales = values["joints"], values["scales"]
-        self.regression = KernelRegression(values["support"], values["coefficients"], values["mean"])
+        first, second = (
+            KernelRegression(support, coefficients, values["mean"])
+            for support, coefficients in zip(values["support"], values["coefficients"], strict=True)
+        )
+        self.regressions = first, second
 
     def _settings(self) -> PoseRegressionConfig:
         assert isinstance(self.config, PoseRegressionConfig)
@@ -158,9 +187,9 @@ class PoseRegression(Deformer):
         own = np.matmul(np.swapaxes(turns(blended), -1, -2), lacking[..., None])[..., 0]
         return own.reshape(len(own), -1).astype(np.float32)
 
-    def _scaled(self, features: np.ndarray) -> np.ndarray:
-        """(T, J, 2, 9) of all joints -> (T, D) of those that count, scaled."""
-        return (features[:, self.joints] * self.scales[..., None]).reshape(len(features), -1)
+    def _scaled(self, features: np.ndarray, scales: np.ndarray) -> np.ndarray:
+        """(T, J, 2, 9) of all joints -> (T, D) of those that count, by their scales now and before, (J, 2)."""
+        return (features[:, self.joints] * scales[..., None]).reshape(len(features), -1)
 
 
 _OF_LBS = set(LbsConfig.model_fields)

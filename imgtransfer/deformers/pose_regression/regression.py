@@ -1,4 +1,4 @@
-"""Kernel ridge regression with a kernel width for each joint and time."""
+"""Kernel ridge regression with a width for each joint and time, and the mean of two such regressions."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+
+_WIDTH = 3.0  # of a kernel of one width, in median squared distances
+_FEW = 1000  # features that these are the median of
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,13 @@ class KernelRegression:
         """(T, D) scaled features -> (T, Y) float64."""
         kernel = np.exp(-squared_distances(features, self.support))
         return kernel @ self.coefficients + self.mean
+
+
+def one_width(features: np.ndarray) -> float:
+    """The scale of features (M, D) that makes the median squared distance of two of them 1/3; 1 where all are alike."""
+    few = features[np.unique(np.linspace(0, len(features) - 1, min(len(features), _FEW)).round().astype(int))]
+    median = float(np.median(squared_distances(few, few)))
+    return 1.0 if median <= 0 else float(np.sqrt(1 / (_WIDTH * median)))
 
 
 def squared_distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:

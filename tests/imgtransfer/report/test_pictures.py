@@ -21,6 +21,7 @@ from imgtransfer.report.pictures import (
     curve_picture,
     error_picture,
     mesh_picture,
+    mesh_pictures,
     picture_camera,
 )
 from render import InputError
@@ -86,6 +87,31 @@ def test_a_clip_in_a_picture(tube_clip: Clip) -> None:
     assert SKIN[0] > SKIN[2]
     assert (bluer > 20).mean() > 0.03  # cloth is seen
     assert (bluer < -10).mean() > 0.01  # and skin above and below it
+
+
+@pytest.mark.parametrize("backend", ["egl", pytest.param("osmesa", marks=pytest.mark.osmesa)])
+def test_opengl_draws_what_numpy_draws(tube_clip: Clip, backend: str) -> None:
+    camera = picture_camera(tube_clip.body.vertices, size=(120, 80))
+    scenes = [
+        [
+            ShadedMesh(tube_clip.body.vertices[t], tube_clip.body.faces, SKIN),
+            ShadedMesh(tube_clip.garment.vertices[t], tube_clip.template.faces),
+        ]
+        for t in (0, 3)
+    ]
+    drawn, wanted = (mesh_pictures(scenes, camera, backend=one) for one in (backend, "numpy"))
+    for picture, reference in zip(drawn, wanted, strict=True):
+        difference = np.abs(picture.astype(int) - reference).max(-1)
+        assert difference.mean() < 0.1
+        assert (difference > 3).mean() < 0.002  # pixels that an edge runs through
+    assert (drawn[0] != drawn[1]).any()
+
+
+def test_what_lies_far_behind_is_not_cut_off() -> None:
+    camera = picture_camera(SQUARE, turn_degrees=0, size=(60, 40))
+    behind = ShadedMesh(SQUARE - [0, 0, 60], SQUARE_FACES, (0.1, 0.9, 0.1))
+    for backend in ("auto", "numpy"):
+        assert mesh_picture([behind], camera, backend=backend)[30, 20].argmax() == 1
 
 
 def test_curves(tmp_path: Path) -> None:
