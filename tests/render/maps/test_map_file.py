@@ -181,8 +181,8 @@ def test_another_format_version_or_a_missing_array(maps, tmp_path):
     path = tmp_path / "maps.npz"
     save_maps(path, maps)
     arrays = dict(np.load(path))
-    np.savez(path, **(arrays | {"format_version": 4}))
-    with pytest.raises(InputError, match="version 1, 2 or 3 expected, found 'imgtransfer-maps' version 4"):
+    np.savez(path, **(arrays | {"format_version": 5}))
+    with pytest.raises(InputError, match="version 1, 2, 3 or 4 expected, found 'imgtransfer-maps' version 5"):
         load_maps(path)
     np.savez(path, a=np.zeros(3))
     with pytest.raises(InputError, match="found 'none'"):
