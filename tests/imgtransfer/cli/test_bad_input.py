@@ -287,7 +287,7 @@ MAPS: dict[str, tuple[Callable[[dict[str, np.ndarray]], dict[str, object]], str]
     "a frame rate in words": (lambda _: {"fps": np.array("fast")}, "fps one number"),
     "another version": (lambda _: {"format_version": np.array(9)}, "version 9"),
     "no mask": (lambda _: {"mask": None}, "mask missing"),
-    "a clip": (lambda _: {"format": None}, "format 'imgtransfer-maps' version 1, 2 or 3 expected"),
+    "a clip": (lambda _: {"format": None}, "format 'imgtransfer-maps' version 1, 2, 3 or 4 expected"),
 }
 
 
