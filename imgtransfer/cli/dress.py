@@ -72,7 +72,8 @@ def add_parser(
     parser.add_argument(
         "--self-contact",
         action="store_true",
-        help="take the garment out of itself where folds pass through each other; fusing then takes 3 times as long",
+        help="take the garment out of itself where folds pass through each other; fusing then takes up to 3 times as "
+        "long",
     )
     parser.add_argument(
         "--simulate",

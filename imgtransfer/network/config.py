@@ -45,9 +45,9 @@ class MapsConfig(Section):
     def _known_views(cls, views: Any) -> tuple[str, ...]:
         if not isinstance(views, str | list | tuple):
             raise ValueError(f"views: a name or a list of views is wanted, found {views!r}")
-        if UV in views and list(views) in ([UV], list(UV)):
+        if views == UV or list(views) == [UV]:
             return (UV,)
-        if UV in views and not isinstance(views, str):
+        if not isinstance(views, str) and UV in views:
             raise ValueError(f"views: {UV} stands alone, found {list(views)!r}")
         return tuple(view.name for view in parse_views(views))
 

@@ -18,7 +18,7 @@ class WeightAverage:
     """
 
     def __init__(self, model: nn.Module, decay: float) -> None:
-        self.decay = decay
+        self._decay = decay
         self._weights = dict(model.named_parameters())
         self._mean = {
             name: weight.detach().clone() if weight.requires_grad else weight.detach()
@@ -31,7 +31,7 @@ class WeightAverage:
 
         Early steps count more than the decay says: the random weights in the beginning shall not stay in the mean.
         """
-        decay = min(self.decay, (1 + step) / (10 + step))
+        decay = min(self._decay, (1 + step) / (10 + step))
         for name, mean in self._mean.items():
             if self._weights[name].requires_grad:  # the others are their own mean, in the same memory
                 mean.lerp_(self._weights[name], 1 - decay)

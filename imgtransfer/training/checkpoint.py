@@ -271,9 +271,8 @@ def write_tensors(path: str | Path, tensors: dict[str, Tensor], header: dict[str
     for key, value in tensors.items():
         on_cpu = value.detach().cpu().contiguous()
         place = on_cpu.untyped_storage().data_ptr()
-        whole[key] = (
-            on_cpu.clone() if place in written else on_cpu
-        )  # the format has no tensors in shared memory
+        # The format has no tensors in shared memory.
+        whole[key] = on_cpu.clone() if place in written else on_cpu
         written.add(place)
     try:
         # safetensors writes to a file of its own beside the one it is given, and renames that.

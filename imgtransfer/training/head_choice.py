@@ -14,8 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor
+from tqdm import tqdm
 
 from imgtransfer.network.kernel_ridge import typical_distance
+from imgtransfer.running.task import in_worker
+from imgtransfer.training.left_out import left_out_errors, members, principal_components
 
 _PATCHES = 8  # whose errors are descended, evenly spread
 _COMPONENTS = 24  # of a patch's residuals that are predicted; they hold nearly all of them
@@ -64,24 +67,27 @@ def choose(
     """
     count = int(rings.max()) + 1
     unchanged = Choice(torch.ones(len(rings)), ridge, 1.0, 1.0)
-    of_group = [torch.from_numpy(np.flatnonzero(group == number)) for number in np.unique(group)]
-    if steps == 0 or len(of_group) < 2:
+    groups = members(group)
+    if steps == 0 or len(groups) < 2:
         return unchanged
     patches = list(_problems(features, residuals, predicted, rings, smoothness))
     logarithms = torch.zeros(count, dtype=torch.float64, requires_grad=True)
     strength = torch.tensor(float(np.log(ridge)), dtype=torch.float64, requires_grad=True)
     reliance = torch.ones((), dtype=torch.float64, requires_grad=predicted is not None)
-    groups = [{"params": [logarithms, strength], "lr": _RATE}, {"params": [reliance], "lr": _RELIANCE_RATE}]
-    optimizer = torch.optim.Adam(groups)
+    rates = [{"params": [logarithms, strength], "lr": _RATE}, {"params": [reliance], "lr": _RELIANCE_RATE}]
+    optimizer = torch.optim.Adam(rates)
     first = sum(float(patch.wanted.square().sum()) for patch in patches)
     if first == 0:
         return unchanged
     best = unchanged
-    for _ in range(steps):
+    bar = tqdm(
+        range(steps), desc="what counts", unit="step", leave=False, delay=2, disable=in_worker() or None
+    )
+    for _ in bar:
         optimizer.zero_grad()
         total = 0.0
         for patch in patches:
-            error = patch.left_out_error(logarithms.exp(), strength.exp(), reliance, of_group) / first
+            error = patch.left_out_error(logarithms.exp(), strength.exp(), reliance, groups) / first
             error.backward()
             total += error.item()
         if total < best.error or best is unchanged:
@@ -99,23 +105,11 @@ class _Problem:
     wanted: Tensor
     predicted: Tensor | None
 
-    def left_out_error(
-        self, rings: Tensor, ridge: Tensor, reliance: Tensor, of_group: list[Tensor]
-    ) -> Tensor:
-        """The summed squared errors of each group when the regression is fitted to the others."""
+    def left_out_error(self, rings: Tensor, ridge: Tensor, reliance: Tensor, groups: list[Tensor]) -> Tensor:
+        """The summed squared errors of all groups, each predicted from the others."""
         r = (3 * torch.tensordot(rings, self.distances, dims=1) + 1e-12).sqrt()
-        kernel = (1 + r) * torch.exp(-r)
         targets = self.wanted if self.predicted is None else self.wanted - reliance * self.predicted
-        parts = []
-        for left in of_group:
-            rest = torch.ones(len(targets), dtype=torch.bool)
-            rest[left] = False
-            others = rest.nonzero()[:, 0]
-            mean = targets[others].mean(0)
-            own = kernel[others][:, others] + ridge * torch.eye(len(others), dtype=kernel.dtype)
-            weights = torch.cholesky_solve(targets[others] - mean, torch.linalg.cholesky(own))
-            parts.append((kernel[left][:, others] @ weights + mean - targets[left]).square().sum())
-        return torch.stack(parts).sum()
+        return left_out_errors((1 + r) * torch.exp(-r), targets, ridge, groups).sum()
 
 
 def _problems(
@@ -143,8 +137,6 @@ def _squared_distances(points: Tensor) -> Tensor:
 
 def _components(parts: list[Tensor]) -> tuple[Tensor, Tensor | None]:
     """Coordinates (n, R) of one or two lists (n, A) of values in their common principal directions."""
-    centred = torch.cat([part - part.mean(0) for part in parts])
-    values, vectors = torch.linalg.eigh(centred @ centred.T)
-    kept = vectors[:, -_COMPONENTS:] * values[-_COMPONENTS:].clamp(min=0).sqrt()
+    kept = principal_components(torch.cat([part - part.mean(0) for part in parts]), _COMPONENTS)
     first, *second = kept.split(len(parts[0]))
     return first, second[0] if second else None

@@ -22,6 +22,7 @@ from imgtransfer.network.places import ring_of_place
 from imgtransfer.running.task import in_worker
 from imgtransfer.training.divergence import Diverged
 from imgtransfer.training.head_choice import Choice, choose
+from imgtransfer.training.left_out import left_out_groups
 from imgtransfer.training.sampler import Frames
 from render import PositionBox, decode_normals
 from render.errors import said_by
@@ -141,9 +142,14 @@ class HeadFit:
             (wanted - wanted.mean(0)).unflatten(-1, (2, 3)).square().mean((0, 1, 3)).sqrt().clamp(min=1e-9)
         )
         scale = scale.repeat_interleave(3)
-        pixels = [torch.from_numpy(at).to(wanted.device) for at in self._patches.pixels]
+        # The mirror image of a patch that has none says nothing.
+        told = torch.ones_like(self._alone)
+        if self._mirror and not bool(self._alone.all()):
+            told = ~self._alone
+        at_patches = [at for at, one in zip(self._patches.pixels, told.tolist(), strict=True) if one]
+        pixels = [torch.from_numpy(at).to(wanted.device) for at in at_patches]
         return choose(
-            features,
+            features[:, told],
             [(wanted[:, at] / scale).flatten(1) for at in pixels],
             [(predicted[:, at] / scale).flatten(1) for at in pixels] if predicted.any() else None,
             rings=rings(features.shape[-1]),
@@ -211,7 +217,7 @@ def fit_head(
         batch=batch,
     )
     bar = partial(tqdm, desc="first guess", unit="batch", leave=False, delay=2, disable=in_worker() or None)
-    group = left_out_groups(frames.clip_starts)
+    group = left_out_groups(frames.clip_starts, GROUPS)
     advice = (
         "try another network.head.ridge or network.head.smoothness, or look for faulty clips with "
         "`imgtransfer inspect`"
@@ -256,19 +262,6 @@ def principal(samples: Tensor, count: int) -> Tensor:
     length = directions.norm(dim=0)
     kept = length > 1e-6 * length.max().clamp(min=1e-12)
     return torch.where(kept, directions / length, torch.zeros_like(directions)).float()
-
-
-def left_out_groups(clip_starts: np.ndarray, groups: int = GROUPS) -> Tensor:
-    """(T,) of each frame the number of its clip's first -> (T,) int64, which group of clips it is left out with.
-
-    Groups are of about as many frames each, and of clips that follow each other: clips of one kind often have names
-    that do. A single clip is cut into parts.
-    """
-    frames = len(clip_starts)
-    starts, clip, lengths = np.unique(clip_starts, return_inverse=True, return_counts=True)
-    middle = np.arange(frames) + 0.5 if len(starts) == 1 else (starts + lengths / 2)[clip]
-    _, group = np.unique(np.floor(groups * middle / frames), return_inverse=True)
-    return torch.from_numpy(group.astype(np.int64))
 
 
 def _as_stored(values: Tensor) -> Tensor:

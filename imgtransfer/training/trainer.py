@@ -23,9 +23,10 @@ from imgtransfer.training.config import RunConfig
 from imgtransfer.training.divergence import LossWatch
 from imgtransfer.training.geometry import measure_geometry
 from imgtransfer.training.head_choice import Choice
-from imgtransfer.training.head_fit import fit_head, left_out_groups
+from imgtransfer.training.head_fit import GROUPS, fit_head
 from imgtransfer.training.image_losses import ImageLosses
 from imgtransfer.training.kept import BEST_FILE, Best, keep_checkpoint
+from imgtransfer.training.left_out import left_out_groups
 from imgtransfer.training.optimizer import build_optimizer, learning_rate
 from imgtransfer.training.outfits import Outfit, Outfits
 from imgtransfer.training.patch_losses import PatchLosses
@@ -97,7 +98,7 @@ class Trainer:
         self.frames_a_step = options.batch_frames * options.accumulate * self.processes.count
         self.order = self.train_frames.order(self.frames_a_step, options.seed)
         self.optimizer = build_optimizer(self.model, options)
-        self._average = None if options.ema is None else WeightAverage(self.model, options.ema)
+        self._average = self._new_average()
         self.watch = LossWatch(options)
         self.best = Best()
         self.step = 0
@@ -134,8 +135,11 @@ class Trainer:
                 assert isinstance(network, LocalTransferNet)  # the configuration sees to it
                 network.weaken(choice.reliance)
         self.processes.take_from_main(self.model.state_dict().values())
-        if self._average is not None:
-            self._average = WeightAverage(self.model, self._average.decay)
+        self._average = self._new_average()
+
+    def _new_average(self) -> WeightAverage | None:
+        decay = self.config.training.ema
+        return None if decay is None else WeightAverage(self.model, decay)
 
     def train_step(self) -> dict[str, float]:
         """One optimisation step of both networks, on the next frames of all processes.
@@ -328,7 +332,7 @@ class Trainer:
         Raises:
             InputError: a state that is damaged, of another architecture, or of a run that began with something else.
         """
-        group = left_out_groups(self.train_frames.clip_starts)
+        group = left_out_groups(self.train_frames.clip_starts, GROUPS)
         progress, self._left_out = load_state(folder, self._learner(), self._origin(), group)
         self.step, self.best = progress.step, progress.best
 

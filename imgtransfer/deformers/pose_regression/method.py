@@ -20,7 +20,7 @@ from imgtransfer.deformers.pose_regression.features import SIZE, pose_features
 from imgtransfer.deformers.pose_regression.mirror import Mirror
 from imgtransfer.deformers.pose_regression.regression import KernelRegression, one_width
 from imgtransfer.deformers.pose_regression.selection import choose
-from imgtransfer.training.head_fit import left_out_groups
+from imgtransfer.training.left_out import left_out_groups
 from render import InputError
 
 _SELECTING = 400  # frames at most that widths are chosen on

@@ -1,4 +1,4 @@
-"""Kernel ridge regression with a width for each joint and time, and the mean of two such regressions."""
+"""Kernel ridge regression with scaled features, and the scale at which one kernel width suits all of them."""
 
 from __future__ import annotations
 

@@ -13,6 +13,8 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
+from imgtransfer.training.left_out import left_out_errors, members, principal_components
+
 _FIRST_WIDTH, _FIRST_RIDGE = -1.5, -2.5  # logarithms
 _RATE = 0.1  # of Adam, in logarithms
 _COMPONENTS = 40  # principal components of the targets that are predicted; they hold nearly all of them
@@ -60,9 +62,7 @@ def choose(
 def _components(targets: np.ndarray) -> Tensor:
     """The targets' principal components, (M, C)."""
     centred = targets.astype(np.float64) - targets.mean(axis=0, dtype=np.float64)
-    values, vectors = np.linalg.eigh(centred @ centred.T)  # M is far less than Y
-    kept = slice(-min(_COMPONENTS, len(values)), None)
-    return torch.from_numpy(vectors[:, kept] * np.sqrt(np.maximum(values[kept], 0)))
+    return principal_components(torch.from_numpy(centred), _COMPONENTS)
 
 
 def _descend(
@@ -84,11 +84,13 @@ def _descend(
         _FIRST_RIDGE if ridge is None else np.log(ridge), dtype=torch.float64, requires_grad=True
     )
     optimizer = torch.optim.Adam([widths, strength], lr=_RATE)
-    of_group = [torch.from_numpy(groups == group) for group in np.unique(groups)]
+    of_group = members(groups)
+    counts = torch.tensor([len(group) for group in of_group])
     best = Choice(joints, np.empty(0), 0.0, np.inf)
     for _ in tqdm(range(steps), desc="widths", unit="step", leave=False, disable=None):
         squares = (widths.exp() @ distances.flatten(1)).reshape(distances.shape[1:])
-        error = _left_out_error(torch.exp(-squares), targets, of_group, strength.exp())
+        errors = left_out_errors(torch.exp(-squares), targets, strength.exp(), of_group)
+        error = (errors / counts).sqrt().mean()
         if error.item() < best.error:
             scales = widths.detach().exp().sqrt().reshape(-1, 2).numpy()
             best = Choice(joints, scales, float(strength.detach().exp()), error.item())
@@ -102,17 +104,3 @@ def _distances(features: np.ndarray) -> Tensor:
     """(M, J, 2, 9) -> (2 J, M, M), squared, of each joint and time by itself."""
     each = torch.from_numpy(features).flatten(1, 2).transpose(0, 1)
     return torch.cdist(each, each).square()
-
-
-def _left_out_error(kernel: Tensor, targets: Tensor, of_group: list[Tensor], ridge: Tensor) -> Tensor:
-    """Root mean square, over frames, of the error of each group predicted from the others; mean over groups."""
-    errors = []
-    for group in of_group:
-        others = ~group
-        mean = targets[others].mean(dim=0)
-        within = kernel[others][:, others]
-        factor = torch.linalg.cholesky(within + ridge * torch.eye(len(within), dtype=within.dtype))
-        coefficients = torch.cholesky_solve(targets[others] - mean, factor)
-        predicted = kernel[group][:, others] @ coefficients + mean
-        errors.append((predicted - targets[group]).square().sum(dim=1).mean().sqrt())
-    return torch.stack(errors).mean()

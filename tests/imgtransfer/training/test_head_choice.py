@@ -63,17 +63,15 @@ def test_the_first_error_is_that_of_regressions_fitted_to_the_other_groups() -> 
     assert chosen(features, wanted, steps=1).error == pytest.approx(expected, rel=1e-4)
 
 
-def test_networks_count_as_much_as_they_are_right() -> None:
-    """They predict half of something that the features say nothing of, and as much that is wrong."""
-    features, wanted = samples()
+@pytest.mark.parametrize("strength", [0.0, 1.0, 3.0])
+def test_networks_count_as_much_as_they_are_right(strength: float) -> None:
+    """They predict something that the features say nothing of, and as much that is wrong: by least squares so much."""
+    features, known = samples()
     random = np.random.default_rng(1)
     unseen, wrong = (torch.from_numpy(random.normal(size=(60, 2))).float() for _ in range(2))
-    result = chosen(features, wanted + 2 * unseen, unseen + wrong, steps=120)
-    assert result.reliance == pytest.approx(1.0, abs=0.3)
-    assert chosen(features, wanted + unseen, unseen + wrong, steps=120).reliance == pytest.approx(
-        0.5, abs=0.2
-    )
-    assert abs(chosen(features, wanted, wrong, steps=120).reliance) < 0.2
+    wanted, predicted = known + strength * unseen, unseen + wrong
+    expected = float((wanted * predicted).sum() / predicted.square().sum())
+    assert chosen(features, wanted, predicted, steps=60).reliance == pytest.approx(expected, abs=0.1)
 
 
 def test_gradients_of_the_left_out_error() -> None:

@@ -18,7 +18,7 @@ from imgtransfer.network.maps import BodyMaps, ImagePair
 from imgtransfer.training.checkpoint import load_model, read_tensors, save_model, write_tensors
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.divergence import Diverged
-from imgtransfer.training.head_fit import left_out_groups, principal, turned_back
+from imgtransfer.training.head_fit import principal, turned_back
 from imgtransfer.training.loop import train
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.trainer import Trainer
@@ -92,14 +92,6 @@ def test_training_frames_have_the_guess_of_a_head_that_has_not_seen_their_clip(
     later = frames >= tube_clip.n_frames
     assert moved[later].max() < 0.003
     assert moved[~later].min() > 0.05
-
-
-def test_groups_are_of_whole_clips_or_of_parts_of_a_single_one() -> None:
-    starts = np.repeat([0, 4, 6, 14], [4, 2, 8, 2])  # middles at 2, 5, 10 and 15 of 16 frames
-    assert left_out_groups(starts, 2).tolist() == [0] * 6 + [1] * 10
-    assert left_out_groups(starts, 4).tolist() == [0] * 4 + [1] * 2 + [2] * 8 + [3] * 2
-    assert left_out_groups(np.zeros(6, np.int64), 3).tolist() == [0, 0, 1, 1, 2, 2]
-    assert left_out_groups(np.zeros(1, np.int64), 3).tolist() == [0]
 
 
 def test_a_rigid_motion_of_the_body_changes_no_residual(fitted: Trainer, tube_clip: Clip) -> None:
