@@ -29,7 +29,11 @@ from tests.helpers.paths import ROOT
 
 KEYS = {
     "loader": {"share_of_reading_windowed", "share_of_reading_cached", "step_ms_windowed", "step_ms_cached"},
-    "trunk": {"step_ms_cached", "step_ms_anew", "ratio_anew_to_cached", "ratio_anew_to_cached_frozen"},
+    "trunk": {
+        f"{what}_{case}"
+        for what in ("step_ms_cached", "step_ms_anew", "ratio_anew_to_cached")
+        for case in ("paper", "frozen", "frozen_384")
+    },
     "render": {
         "operator_ms",
         "operator_batch_ms",
@@ -146,7 +150,7 @@ KEYS = {
         "share_of_maps",
         "share_of_reading_windowed",
         "share_of_reading_cached",
-        "ratio_anew_to_cached",
+        "ratio_anew_to_cached_paper",
         "ratio_one_to_two_processes",
         "ratio_float32_to_bfloat16",
         "ratio_patch_8_to_16",
