@@ -148,6 +148,12 @@ class GateConfig(Section):
     jitter: Metres = Field(
         0.002, ge=0, description="95th percentile of vertices' shaking while the body rests."
     )
+    slip: Metres = Field(
+        0.15,
+        ge=0,
+        description="How far the topmost opening may slip over the body, the median of its vertices, in any frame: "
+        "more where a neck has slipped off both shoulders.",
+    )
 
 
 class SimulateConfig(Section):

@@ -11,6 +11,7 @@ from scipy.ndimage import median_filter
 from fusion import BodySdf
 from fusion.obstacles import body_crossing_fractions, self_crossing_fractions
 from imgtransfer.simulation.config import GateConfig
+from imgtransfer.simulation.slip import slip
 from render.mesh.measures import area_fractions, edge_lengths
 from render.mesh.mesh import Mesh
 
@@ -34,6 +35,7 @@ class Quality:
         speed: m/s by which a vertex is faster than the body's fastest, in the worst frame.
         reach: metres to the body, of the farthest vertex.
         energy_spike: see `energy_spike`. jitter: see `jitter`.
+        slip: see `imgtransfer.simulation.slip`.
         crossing_percent: edges of cloth and body that pass through faces of the other, after `push_out`, of the cloth's
             edges; mean over frames.
         self_crossing_percent: of the edges, passing through the cloth itself; mean over frames. No gate looks at it.
@@ -49,6 +51,7 @@ class Quality:
     reach: float
     energy_spike: float
     jitter: float
+    slip: float
     crossing_percent: float
     self_crossing_percent: float
 
@@ -84,6 +87,7 @@ def measure(
     body: np.ndarray,
     body_faces: np.ndarray,
     *,
+    rest: np.ndarray,
     before: np.ndarray,
     after: np.ndarray,
     fps: float,
@@ -91,7 +95,8 @@ def measure(
     """Measure a clip.
 
     Args:
-        template: the rest shape. vertices: (T, N, 3) metres. body: (T, B, 3). body_faces: (G, 3).
+        template: the rest shape, as it is put on. vertices: (T, N, 3) metres. body: (T, B, 3). body_faces: (G, 3).
+        rest: (B, 3) the body when the garment is put on.
         before, after: (T, N) signed distances to the body before and after `push_out`.
     """
     if not np.isfinite(vertices).all():
@@ -112,6 +117,7 @@ def measure(
         reach=float(after.max()),
         energy_spike=energy_spike(template, vertices, fps),
         jitter=jitter(vertices, body, fps),
+        slip=slip(template, vertices, rest, body),
         crossing_percent=100
         * float(body_crossing_fractions(vertices, template.faces, body, body_faces).mean()),
         self_crossing_percent=100 * float(self_crossing_fractions(vertices, template.faces).mean()),

@@ -146,16 +146,17 @@ def _checked(
     dressed: DressedBody, vertices: np.ndarray, moved: np.ndarray, fps: float
 ) -> tuple[np.ndarray, Quality]:
     """The vertices (T, N, 3) outside the body (T, B, 3) and on the grid, and how good they are."""
-    pattern, faces = dressed.garment.mesh, dressed.faces
+    pattern, faces, rest = dressed.garment.mesh, dressed.faces, dressed.rest
     if not np.isfinite(vertices).all():
+        nothing = np.zeros(0)
         return vertices, measure(
-            pattern, vertices, moved, faces, before=np.zeros(0), after=np.zeros(0), fps=fps
+            pattern, vertices, moved, faces, rest=rest, before=nothing, after=nothing, fps=fps
         )
-    sdf = BodySdf(faces, len(dressed.rest))
+    sdf = BodySdf(faces, len(rest))
     pushed = []
     for cloth, skin in zip(vertices, moved, strict=True):
         sdf.update(skin)
         pushed.append(push_out(cloth, sdf))
     outside, before, after = (np.stack(values) for values in zip(*pushed, strict=True))
     outside = round_to_grid(outside)
-    return outside, measure(pattern, outside, moved, faces, before=before, after=after, fps=fps)
+    return outside, measure(pattern, outside, moved, faces, rest=rest, before=before, after=after, fps=fps)

@@ -22,7 +22,7 @@ def quality_of(frames, body=None, before=None, after=None, fps=30.0):
     outside = np.full(frames.shape[:2], 0.1)
     before = outside if before is None else before
     after = outside if after is None else after
-    return measure(SHEET, frames, body, FACES, before=before, after=after, fps=fps)
+    return measure(SHEET, frames, body, FACES, rest=CORNERS, before=before, after=after, fps=fps)
 
 
 def test_a_sheet_at_rest_has_no_fault():
