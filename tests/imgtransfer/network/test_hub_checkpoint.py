@@ -116,8 +116,13 @@ def test_offline_and_never_fetched(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         "network.encoder.name: facebook/dino-vitb16 is no folder and has not been fetched before"
     )
     assert "run `hf download facebook/dino-vitb16` where there is a network, or give a folder" in said
-    with pytest.raises(InputError, match="neither/a/name/nor/folder is no folder"):
-        checkpoint_folder("neither/a/name/nor/folder")
+
+
+@pytest.mark.parametrize("name", ["/nowhere", "neither/a/name/nor/folder", "~/encoder", "../encoder"])
+def test_a_folder_that_is_not_there_is_not_asked_of_the_hub(name: str) -> None:
+    with pytest.raises(InputError) as refused:
+        checkpoint_folder(name)
+    assert str(refused.value).startswith(f"network.encoder.name: there is no folder {name}, and the hub has no")
 
 
 def test_what_was_fetched_is_read_offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
