@@ -80,6 +80,12 @@ def add_parser(
         action="store_true",
         help="simulate the cloth instead, to compare (extra simulate); nothing is written where it goes wrong",
     )
+    parser.add_argument(
+        "--settle",
+        action="store_true",
+        help="let your own garment hang on the resting body first, by simulation (extra simulate), where its file has "
+        "a pattern, or a garment that was only put on",
+    )
     parser.add_argument("--fabric", choices=_FABRICS, help="of the simulated cloth; default cotton")
     parser.add_argument(
         "--out",
@@ -129,7 +135,7 @@ def _add_meshes(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--pinned",
         action="store_true",
-        help="with --simulate: the garment's topmost opening is a waistband, which stays on the skin",
+        help="with --simulate or --settle: the garment's topmost opening is a waistband, which stays on the skin",
     )
     add_axes(group)
     add_objects(group, "garment", "body")
@@ -199,7 +205,9 @@ def _predicted(
     from imgtransfer.dressing.deformed import predict_and_fuse  # noqa: PLC0415
     from imgtransfer.dressing.figure import figure_of  # noqa: PLC0415
     from imgtransfer.exports import written_animation  # noqa: PLC0415
+    from imgtransfer.network.shapes import check_hangs  # noqa: PLC0415
     from imgtransfer.pipeline.fuse_summary import notes_of  # noqa: PLC0415
+    from imgtransfer.simulation.hang import hanging_template  # noqa: PLC0415
     from imgtransfer.training.checkpoint import load_model  # noqa: PLC0415
     from imgtransfer.training.hub import model_path  # noqa: PLC0415
 
@@ -207,7 +215,10 @@ def _predicted(
         model = load_model(_of_networks(model_path(args.model or _GENERAL)))
     with watch.of("body and garment"):
         reader = figure_of(source, config)
-        model.check_garment(reader.clip(0, 1))
+        model.check_garment(still := reader.clip(0, 1))
+        if args.settle:
+            check_hangs(model.general, model.source)
+        hangs = hanging_template(still, pinned=args.pinned) if args.settle else None
     with (
         _bar(reader.n_frames, reader.name) as bar,
         written_animation(args.out, n_frames=reader.n_frames, frames_as=args.frames_as) as add,
@@ -218,7 +229,7 @@ def _predicted(
                 add(clip)
 
         fusion = FusionConfig(self_contact=args.self_contact)
-        done = predict_and_fuse(model, reader, take, fusion, progress=bar.update)
+        done = predict_and_fuse(model, reader, take, fusion, hangs=hangs, progress=bar.update)
     watch.seconds |= {"predicting": done.predict_seconds, "fusing (all threads)": done.fuse_seconds}
     report = done.report
     body = report["crossing_percent"]["after"]
@@ -298,10 +309,11 @@ def _check_used(args: argparse.Namespace, config: SimulateConfig) -> None:
         "a motion file; a moving body is as it is": () if motion else _OF_MOTIONS,
         "BVH files; npz files have SMPL's joints": () if bvh else ("joints",),
         "a moving body": tuple(name for name in OF_SEQUENCES if name not in _OF_BOTH) if motion else (),
-        "--garment FILE": () if own else _OF_GARMENT,
+        "--garment FILE": () if own else (*_OF_GARMENT, "settle"),
         "--garment FILE or a moving body": _OF_MESHES if motion and not own else (),
-        "--simulate": () if args.simulate else ("pinned", "fabric"),
-        "networks, not with --simulate": ("model", "self_contact") if args.simulate else (),
+        "--simulate": () if args.simulate else ("fabric",),
+        "--simulate or --settle": () if args.simulate or args.settle else ("pinned",),
+        "networks, not with --simulate": ("model", "self_contact", "settle") if args.simulate else (),
     }
     for what, options in needs.items():
         for option in options:

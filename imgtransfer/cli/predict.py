@@ -52,6 +52,18 @@ def add_parser(
         "training.mirror; takes half of the networks' time",
     )
     parser.add_argument(
+        "--settle",
+        action="store_true",
+        help="let the templates hang on their resting bodies first, by simulation (extra simulate), for a model of "
+        "many garments, which expects that; a pattern, or what was only put on, lies centimetres higher than it ever "
+        "does",
+    )
+    parser.add_argument(
+        "--pinned",
+        action="store_true",
+        help="with --settle: the garments' topmost opening is a waistband, which stays on the skin",
+    )
+    parser.add_argument(
         "--fuse",
         action="store_true",
         help="then refine each clip as `imgtransfer fuse` does, with its default settings; both results stay",
@@ -66,6 +78,8 @@ def run(args: argparse.Namespace) -> None:
     from imgtransfer.running import run_tasks  # noqa: PLC0415
     from imgtransfer.training.hub import model_path  # noqa: PLC0415
 
+    if args.pinned and not args.settle:
+        raise InputError("--pinned says how a garment is let hang; give --settle with it, or leave it out")
     executor = chosen_executor(args)
     args.model = model_path(args.model)
     chosen = _of_method(args) if is_deformer(args.model) else _of_network(args)
@@ -101,8 +115,10 @@ class _Chosen:
 
 
 def _of_network(args: argparse.Namespace) -> _Chosen:
+    from imgtransfer.network.shapes import check_hangs  # noqa: PLC0415
     from imgtransfer.pipeline.predict import PredictTask, predict_clip  # noqa: PLC0415
     from imgtransfer.training.checkpoint import fingerprint, load_model  # noqa: PLC0415
+    from render.extras import check_installed  # noqa: PLC0415
 
     model, mark = load_model(args.model), fingerprint(args.model)
     if args.no_mirrored_average and not model.mirrored_average:
@@ -110,9 +126,18 @@ def _of_network(args: argparse.Namespace) -> _Chosen:
             f"{args.model}: does not average with mirrored predictions, as models trained with training.mirror do; "
             "leave out --no-mirrored-average"
         )
+    if args.settle:
+        check_hangs(model.general, model.source)
+        check_installed("simulate", "--settle", "newton")
     clips = _checked(args, model.check_garment)
-    path, average = _everywhere(args.model, args), not args.no_mirrored_average
-    tasks = [PredictTask(path, mark, ref, folder, args.overwrite, average) for ref, folder in clips.tasks]
+    path = _everywhere(args.model, args)
+    chosen = {
+        "overwrite": args.overwrite,
+        "mirrored_average": not args.no_mirrored_average,
+        "settle": args.settle,
+        "pinned": args.pinned,
+    }
+    tasks = [PredictTask(path, mark, ref, folder, **chosen) for ref, folder in clips.tasks]
     return replace(clips, function=predict_clip, tasks=tasks)
 
 
@@ -124,6 +149,10 @@ def _of_method(args: argparse.Namespace) -> _Chosen:
     if args.no_mirrored_average:
         raise InputError(
             f"--no-mirrored-average: {args.model} is of a method that averages nothing; leave it out"
+        )
+    if args.settle:
+        raise InputError(
+            f"--settle: {args.model} is of a method that is fitted to its own template; leave it out"
         )
     deformer, mark = load_deformer(args.model), fingerprint(args.model)
     clips = _checked(args, deformer.check)

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from fusion import BatchResult, FusionConfig, FusionInputs, MovingSurface, fuse_map_parts
 from imgtransfer.data.canonical import RootFrames
 from imgtransfer.data.clip import Clip
@@ -48,6 +50,7 @@ def predict_and_fuse(
     take: Callable[[Clip], object],
     config: FusionConfig | None = None,
     *,
+    hangs: np.ndarray | None = None,
     progress: Callable[[int], object] | None = None,
 ) -> Deformed:
     """Move a clip's garment as the model does; memory is needed for a few batches, not for the clip.
@@ -59,12 +62,13 @@ def predict_and_fuse(
         reader: of a body in motion with its garment at rest; how that moves is not looked at.
         take: gets the frames in order, some at a time, with the garment in them.
         config: of the fusion; the default if None.
+        hangs: see `imgtransfer.network.shapes.as_it_hangs`.
         progress: called with a number of frames when they are done.
 
     Raises:
         InputError: the clip's garment is not the model's, frames that cannot be read, or what the fusion refuses.
     """
-    stream = _Stream(model, reader)
+    stream = _Stream(model, reader, hangs)
 
     def took(batch: BatchResult) -> None:
         clip, frames = stream.taken()
@@ -77,10 +81,10 @@ def predict_and_fuse(
 class _Stream:
     """Frames that are predicted when the fusion asks for them, and what belongs to those that it has not given back."""
 
-    def __init__(self, model: TransferModel, reader: Reader) -> None:
+    def __init__(self, model: TransferModel, reader: Reader, hangs: np.ndarray | None) -> None:
         self._reader, self.n_frames, self.seconds = reader, reader.n_frames, 0.0
         self._under_way: deque[tuple[Clip, RootFrames]] = deque()
-        self._batches = self._predicted(model)
+        self._batches = self._predicted(model, hangs)
         self._first = next(self._batches)
 
     def parts(self, count: int) -> Iterator[MapFile]:
@@ -100,10 +104,10 @@ class _Stream:
         """The frames that the fusion gives back next."""
         return self._under_way.popleft()
 
-    def _predicted(self, model: TransferModel) -> Iterator[tuple[Clip, MapFile]]:
+    def _predicted(self, model: TransferModel, hangs: np.ndarray | None) -> Iterator[tuple[Clip, MapFile]]:
         """Batches as `imgtransfer predict` makes them."""
         started = time.perf_counter()
-        predictor = model.predictor(self._reader.clip(0, 1))
+        predictor = model.predictor(self._reader.clip(0, 1), hangs=hangs)
         for clip in self._reader.parts(FRAMES_AT_ONCE):
             maps = maps_of(predictor(clip))
             self.seconds += time.perf_counter() - started

@@ -55,8 +55,8 @@ def checkpoint_folder(name: str) -> Path:
     """The folder of a checkpoint: `name` itself, or that of the hub's cache, where it is put if it is not there yet.
 
     Raises:
-        InputError: no folder, and no name of the hub, or not cached and the hub does not give it; or no safetensors file
-            in it.
+        InputError: no folder, and no name of the hub, or not cached and the hub does not give it; or no safetensors
+            file in it.
     """
     if Path(name).is_dir():
         _check_files(Path(name))
@@ -66,8 +66,8 @@ def checkpoint_folder(name: str) -> Path:
         hub.utils.validate_repo_id(name)
     except hub.errors.HFValidationError:
         raise InputError(
-            f"network.encoder.name: there is no folder {name}, and the hub has no such names either; give a folder with "
-            f"a checkpoint's {CONFIG_FILE} and model.safetensors, or a name such as facebook/dino-vitb16"
+            f"network.encoder.name: there is no folder {name}, and the hub has no such names either; give a folder "
+            f"with a checkpoint's {CONFIG_FILE} and model.safetensors, or a name such as facebook/dino-vitb16"
         ) from None
     files = [CONFIG_FILE, "*.safetensors", "*.safetensors.index.json"]
     error: Exception | None = None

@@ -22,7 +22,7 @@ from imgtransfer.network.mirror import Garment, Mirror
 from imgtransfer.network.pair import encoded, transferred
 from imgtransfer.network.prediction import Prediction, ShownFrames
 from imgtransfer.network.residuals import averaged_images, corrected_images
-from imgtransfer.network.shapes import check_clip, same_faces, same_template
+from imgtransfer.network.shapes import as_it_hangs, check_clip, same_faces, same_template
 from imgtransfer.network.skinned import skinned_frames
 from imgtransfer.network.transfer import TransferNet, build_transfer_net
 from render import InputError, Mesh, PositionBox, encode_normals
@@ -239,16 +239,17 @@ class TransferModel(nn.Module):
         """The template as the networks see it on an imager's body: its first shape's view, or its images."""
         return self.garment() if imager.view is None else imager.view.template()
 
-    def predictor(self, clip: Clip) -> Predictor:
+    def predictor(self, clip: Clip, *, hangs: np.ndarray | None = None) -> Predictor:
         """Predicts frames of clips with this garment and body.
 
         Args:
             clip: any frames of a body in motion and the model's garment, in the shape of that body.
+            hangs: see `as_it_hangs`.
 
         Raises:
-            InputError: the clip's garment is not the model's.
+            InputError: the clip's garment is not the model's, or `hangs` for a model that knows one template.
         """
-        return Predictor(self, clip)
+        return Predictor(self, clip, hangs)
 
     @one_blas_thread()
     def predict(self, clip: Clip, progress: Callable[[Iterable[int]], Iterable[int]] = iter) -> Prediction:
@@ -281,15 +282,17 @@ class Predictor:
     Args:
         model: with its weights.
         clip: any frames of the clip, or of another of the same garment and body.
+        hangs: see `as_it_hangs`.
 
     Raises:
-        InputError: the clip's garment is not the model's.
+        InputError: the clip's garment is not the model's, or `hangs` for a model that knows one template.
     """
 
     @torch.no_grad()
-    def __init__(self, model: TransferModel, clip: Clip) -> None:
-        self._model = model = model.dressed(clip)
-        self._body = model.body_imager(clip)
+    def __init__(self, model: TransferModel, clip: Clip, hangs: np.ndarray | None = None) -> None:
+        shown = clip if hangs is None else as_it_hangs(clip, hangs, model.general, model.source)
+        self._model = model = model.dressed(shown)
+        self._body = model.body_imager(shown)
         self._garment = model.seen(self._body)
         self._mirror: Mirror | None = None
         if model.mirrored_average:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.data.clip import Clip
-from render import InputError, Mesh
+from render import InputError, Mesh, Option
 from render.mesh.rigid import rigid_rotation
 
 SAME_M = 1e-5  # vertices that are this near are the same
@@ -31,6 +33,28 @@ def same_template(clip: Clip, template: Mesh) -> bool:
     return same_faces(clip.template.faces, template.faces) and np.allclose(
         clip.template.vertices, template.vertices, rtol=0, atol=SAME_M
     )
+
+
+def as_it_hangs(clip: Clip, hangs: np.ndarray, general: bool, model: str) -> Clip:
+    """The clip as a general model is shown it: with its template as that hangs on the resting body.
+
+    Edge lengths stay those of the template itself, which a simulation stretches a little.
+
+    Args:
+        clip: with its template. hangs: (N, 3) metres (`imgtransfer.simulation.hang.hanging_template`).
+        general, model: as of `check_hangs`.
+    """
+    check_hangs(general, model)
+    return replace(clip, template=replace(clip.template, vertices=hangs.astype(np.float32)))
+
+
+def check_hangs(general: bool, model: str) -> None:
+    """Raise InputError unless a model, called `model` in messages, is `general` and so takes templates as they hang."""
+    if not general:
+        raise InputError(
+            f"{model}: was trained on one garment and knows its template as it is; leave out "
+            f"{Option('settle', True)}, which is for models of many garments"
+        )
 
 
 def check_clip(clip: Clip, template: Mesh, body: Mesh | None) -> None:

@@ -21,6 +21,7 @@ from imgtransfer.pipeline.folder import MAPS_FILE, POSITION_ONLY_FILE
 from imgtransfer.pipeline.standing import clip_stands
 from imgtransfer.running import in_worker
 from imgtransfer.running.fingerprint import MADE, fingerprint, made_anew
+from imgtransfer.simulation.hang import hanging_template
 from imgtransfer.training.checkpoint import load_model
 from render import MapFile, Mesh, Option, written_maps
 from render.files.atomic import written_whole_folder
@@ -44,6 +45,8 @@ class PredictTask:
         folder: for the results; appears whole or not at all.
         overwrite: whether to predict again what this model has predicted already.
         mirrored_average: whether a model that averages with the mirrored prediction may do so.
+        settle: whether the template is let hang on the resting body first, by simulation. pinned: its topmost opening
+            is then a waistband, which stays on the skin.
     """
 
     model: Path
@@ -52,6 +55,8 @@ class PredictTask:
     folder: Path
     overwrite: bool = False
     mirrored_average: bool = True
+    settle: bool = False
+    pinned: bool = False
 
     @property
     def name(self) -> str:
@@ -66,7 +71,7 @@ def predict_clip(task: PredictTask) -> str:
         InputError: a model or clip that cannot be read, or that do not fit each other.
     """
     reader = task.clip.reader()
-    made = _fingerprint(reader, task.mark if task.mirrored_average else f"{task.mark}, not averaged")
+    made = _fingerprint(reader, _mark(task))
     whole = (task.folder / MAPS_FILE).is_file()
     if whole and not task.overwrite and clip_stands(task.folder / POSITION_ONLY_FILE, made):
         return f"{task.folder}  predicted by this model already; {Option('overwrite', True)} does it again"
@@ -75,7 +80,8 @@ def predict_clip(task: PredictTask) -> str:
     bar = partial(tqdm, total=batches, desc=reader.name, unit="batch", leave=False, disable=hidden)
     record = {"model": task.mark, MADE: made}
     model = _model(task.model, task.mark, task.mirrored_average)
-    save_prediction(task.folder, model, reader, record=record, progress=bar)
+    hangs = hanging_template(reader.clip(0, 1), pinned=task.pinned) if task.settle else None
+    save_prediction(task.folder, model, reader, record=record, hangs=hangs, progress=bar)
     return f"{task.folder}  {reader.n_frames} frames"
 
 
@@ -85,6 +91,7 @@ def save_prediction(
     reader: Reader,
     *,
     record: Mapping[str, str],
+    hangs: np.ndarray | None = None,
     progress: Callable[[Iterable[Predicted]], Iterable[Predicted]] = iter,
 ) -> None:
     """Predict a clip some frames at a time, and write the maps, and the vertices that the position maps alone give.
@@ -97,12 +104,13 @@ def save_prediction(
         model: predicts.
         reader: of the clip, with the body; the vertices are written as this clip's garment, world frame.
         record: what the vertices' clip keeps in its `info` of what it was made from.
+        hangs: see `imgtransfer.network.shapes.as_it_hangs`.
         progress: wraps the iteration over the batches, such as tqdm.
 
     Raises:
         InputError: a clip that cannot be read, or does not fit the model.
     """
-    predictor = model.predictor(reader.clip(0, 1))
+    predictor = model.predictor(reader.clip(0, 1), hangs=hangs)
     weights = InitialWeights(predictor.imager, _shape(predictor))
 
     def predicted(part: tuple[Clip, ShownFrames]) -> Predicted:
@@ -124,6 +132,16 @@ def save_prediction(
         for maps, clip in progress(done):
             add_maps(maps)
             add_clip(clip)
+
+
+def _mark(task: PredictTask) -> str:
+    """What decides the prediction beside the clip."""
+    said = [task.mark]
+    if not task.mirrored_average:
+        said.append("not averaged")
+    if task.settle:
+        said.append("pinned and settled" if task.pinned else "settled")
+    return ", ".join(said)
 
 
 def _shape(predictor: Predictor) -> Mesh:

@@ -2,8 +2,8 @@
 """A training step with a pretrained encoder, with and without the file of what its frozen part makes of bodies.
 
 The encoder is a vision transformer as wide and deep as DINO's ViT-B/16, the paper's, of random weights; refinement and
-decoder are those of configs/paper.yaml, on a synthetic clip of 4 frames, maps of 128 x 128 pixels, all 4 frames a batch,
-float32. One torch thread. All frames are in the file before anything is timed.
+decoder are those of configs/paper.yaml, on a synthetic clip of 4 frames, maps of 128 x 128 pixels, all 4 frames a
+batch, float32. One torch thread. All frames are in the file before anything is timed.
 
   step_ms_cached_*, step_ms_anew_*   one whole step with the file, and without
   ratio_anew_to_cached_*             how many times as long a step takes without the file
@@ -31,7 +31,8 @@ from scripts.bench.clips import synthetic_clip
 from scripts.bench.measuring import Results, command, interleaved
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "paper.yaml"
-CASES = {"paper": (2, None), "frozen": (0, None), "frozen_384": (0, 384)}  # blocks that are trained, width of the tokens
+# Blocks that are trained, width of the tokens.
+CASES = {"paper": (2, None), "frozen": (0, None), "frozen_384": (0, 384)}
 
 
 def measure(quick: bool) -> Results:

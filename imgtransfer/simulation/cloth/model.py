@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fusion.warp_start import warp_module
 from imgtransfer.simulation.cloth.descent import CONTACT_DAMPING, ClothDescent
 from imgtransfer.simulation.config import ClothConfig, SolverConfig
 from render.extras import optional
@@ -137,6 +138,4 @@ def _libraries() -> tuple[Any, Any]:
     Raises:
         InputError: Newton is not installed.
     """
-    import warp  # noqa: PLC0415 (heavy)
-
-    return warp, optional("newton", "simulate", "simulation")
+    return warp_module(), optional("newton", "simulate", "simulation")

@@ -49,6 +49,8 @@ COMMANDS = {
     "imgtransfer/importers/smpl.py": ("import", "simulate", "dress"),
     "imgtransfer/importers/summary.py": ("import", "simulate"),
     "imgtransfer/simulation": ("simulate",),
+    "imgtransfer/simulation/hang.py": ("predict", "dress"),
+    "imgtransfer/network/shapes.py": ("predict", "dress"),
     "imgtransfer/viewing": ("view",),
     "imgtransfer/motions": ("simulate", "dress"),
     "imgtransfer/garments": ("simulate", "dress"),

@@ -122,7 +122,9 @@ def test_offline_and_never_fetched(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_a_folder_that_is_not_there_is_not_asked_of_the_hub(name: str) -> None:
     with pytest.raises(InputError) as refused:
         checkpoint_folder(name)
-    assert str(refused.value).startswith(f"network.encoder.name: there is no folder {name}, and the hub has no")
+    assert str(refused.value).startswith(
+        f"network.encoder.name: there is no folder {name}, and the hub has no"
+    )
 
 
 def test_what_was_fetched_is_read_offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

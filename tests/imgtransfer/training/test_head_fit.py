@@ -122,6 +122,17 @@ def test_a_batch_equals_its_singles(fitted: Trainer) -> None:
         torch.testing.assert_close(guess.normals[row], single.normals[0], rtol=0, atol=1e-4)
 
 
+def test_its_products_are_not_rounded_where_the_networks_are(fitted: Trainer) -> None:
+    head, body = fitted.model.head, fitted.batch(fitted.train_frames, torch.arange(4))[0]
+    assert head is not None
+    assert body.local is not None
+    alone = head(body.local)
+    with torch.autocast("cpu", torch.bfloat16):
+        among_networks = head(body.local)
+    for one, other in zip(alone, among_networks, strict=True):
+        assert torch.equal(one, other)
+
+
 def test_one_and_two_threads_fit_the_same(fitted: Trainer, clips: Path) -> None:
     again = Trainer(head_config(clips, threads=2))
     again.fit_head()
