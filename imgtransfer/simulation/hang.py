@@ -29,6 +29,7 @@ from render.threads import one_blas_thread
 
 _log = logging.getLogger(__name__)
 _FPS = 30.0  # steps of which velocities are damped
+_SLIDES = 0.06  # metres that a top opening slips and a note says so; necks that hold have at most 4 cm
 _SOLVER = SolverConfig(self_contact=True)  # as the templates hang that the general checkpoint knows
 
 
@@ -115,6 +116,14 @@ def _check(sewn: Mesh, hangs: np.ndarray, rest: np.ndarray) -> None:
         raise InputError(
             f"{sewn.source}: the garment's topmost opening slips {100 * slipped:.0f} cm down the resting body; with "
             f"{Option('pinned', True)} it is a waistband, which stays on the skin"
+        )
+    if slipped > _SLIDES:
+        _log.warning(
+            "note: %s: the garment's topmost opening has come down by %.0f cm over the body; where it is a waistband, "
+            "%s holds it",
+            sewn.source,
+            100 * slipped,
+            Option("pinned", True),
         )
     stretch = edge_lengths(hangs, sewn.edges) / edge_lengths(sewn.vertices, sewn.edges)
     if (worst := np.percentile(stretch, 99)) > gates.worst_p99_stretch:

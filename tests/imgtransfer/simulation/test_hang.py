@@ -75,6 +75,24 @@ def test_a_tube_that_slides_down_a_mast_is_refused_with_the_flag_that_holds_it()
         hanging(tube(radius=0.2), mast(), COTTON)
 
 
+def test_a_waist_that_slides_to_where_the_body_is_wider_is_noted(caplog: pytest.LogCaptureFixture) -> None:
+    body = mast()
+    cone = body.vertices.copy()
+    cone[:, [0, 2]] *= (1.0 - 1.2 * body.vertices[:, 1:2]).clip(
+        0.3
+    )  # 7 cm thinner at the top than at the bottom
+    skirt = tube(radius=0.13)
+    skirt.vertices[:, [0, 2]] *= (1.0 - 1.2 * (skirt.vertices[:, 1:2] - 0.1)).clip(0.3)
+    with caplog.at_level("WARNING"):
+        hanging(skirt, Mesh(cone, body.faces), COTTON)
+    assert "topmost opening has come down by" in caplog.text
+    assert "holds it" in caplog.text
+    caplog.clear()
+    with caplog.at_level("WARNING"):
+        hanging(skirt, Mesh(cone, body.faces), COTTON, pinned=True)
+    assert not caplog.text
+
+
 def test_a_closed_surface_has_no_waistband() -> None:
     with pytest.raises(InputError, match="no opening that could be a waistband"):
         hanging(sphere(0.3), Mesh(sphere(0.1).vertices, sphere(0.1).faces), COTTON, pinned=True)
