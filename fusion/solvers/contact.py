@@ -19,7 +19,7 @@ _FAR = 1.0  # metres: an obstacle is said to be so far from vertices that wait f
 _TOUCHING = 1e-5  # metres: a vertex nearer to its plane than this touches it
 # Metres above the margin beyond which a vertex may keep an older plane, moved to where the obstacle can at most be: it
 # hardly moves as far before the next query.
-_REACHED = 0.02
+_REACHED = 0.006
 
 
 class Contact:

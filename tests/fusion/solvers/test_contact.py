@@ -52,7 +52,8 @@ def test_it_is_time_for_a_query_at_every_so_many_steps():
 
 
 def test_the_cloth_between_vertices_is_looked_at_from_the_second_query_on():
-    """The triangle's middle is in the ground by a millimetre, its corners are not: at the second query they rise by as much."""
+    """The triangle's middle is in the ground by a millimetre, its corners are not: at the second query they
+    rise by as much."""
 
     class Middle:
         def __init__(self):
