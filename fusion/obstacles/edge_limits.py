@@ -69,7 +69,7 @@ def _lengths(points: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
 def _swept(
     points: torch.Tensor, ends: torch.Tensor, longest: torch.Tensor, walls: torch.Tensor, loose: torch.Tensor
 ) -> torch.Tensor:
-    """Points (P, 3) after all sweeps, some `loose` (P,); edges have ends (K, 2) and limits (K,), points walls (P, 3)."""
+    """Points (P, 3), some `loose` (P,), after all sweeps; edges have ends (K, 2), limits (K,), points walls (P, 3)."""
     from fusion.obstacles.edge_kernels import move_points, pull_ends  # noqa: PLC0415 (defining kernels imports warp)
 
     start, wall, limits = (values.to(torch.float32).contiguous() for values in (points, walls, longest))
