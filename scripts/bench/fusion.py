@@ -180,7 +180,9 @@ def garment(made: Scene, *, rounds: int, steps: int = 100) -> dict[str, float]:
 
 def solver_config(solver: str, *, steps: int = 100, batch: int | None = None) -> FusionConfig:
     """The defaults with this solver; `steps` for both stages of adam, `batch` in place of the default's frames."""
-    changed = {"edge_steps": steps, "normal_steps": steps} | ({} if batch is None else {"batch_frames": batch})
+    changed = {"edge_steps": steps, "normal_steps": steps} | (
+        {} if batch is None else {"batch_frames": batch}
+    )
     return FusionConfig.model_validate({"solver": solver} | changed)
 
 
