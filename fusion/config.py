@@ -35,7 +35,7 @@ class FusionConfig(BaseModel):
         description="Of `local_global`, first stage (edge lengths), at most; 0 skips it.",
     )
     normal_iterations: int = Field(
-        default=40,
+        default=24,
         ge=0,
         le=10**6,
         description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
@@ -60,7 +60,7 @@ class FusionConfig(BaseModel):
         "that lie off their surroundings. Maps that hold together are left as they are.",
     )
     sdf_every_iterations: int = Field(
-        default=14, ge=1, le=10**6, description="Of `local_global`: steps between two distance queries."
+        default=8, ge=1, le=10**6, description="Of `local_global`: steps between two distance queries."
     )
     edge_steps: int = Field(
         default=100, ge=0, le=10**6, description="Of `adam`, first stage (edge lengths); 0 skips it."

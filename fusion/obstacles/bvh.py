@@ -95,7 +95,7 @@ class MeshBvh:
             check_finite(moved.cpu().numpy(), f"{self._name}_vertices")
         self._batched = moved.ndim == 3
         frames = moved.to(self.device, torch.float32).reshape(-1, self.n_vertices, 3).contiguous()
-        with _torch_stream(self.device):
+        with torch_stream(self.device):
             self._place(frames)
         self._posed = frames
         return frames
@@ -194,7 +194,7 @@ class MeshBvh:
         if 0 in dim:
             return
         converted = [array(each) if isinstance(each, torch.Tensor) else each for each in arguments]
-        with _torch_stream(self.device):
+        with torch_stream(self.device):
             launch(kernel, dim=dim, inputs=[self._ids, *converted], device=self._warp_device)
 
     def _launch(  # noqa: PLR0917
@@ -212,7 +212,7 @@ class MeshBvh:
         converted = [
             array(value) if isinstance(value, torch.Tensor) else value for value in (*arguments, *of_part[2:])
         ]
-        with _torch_stream(self.device):
+        with torch_stream(self.device):
             launch(
                 kernel,
                 dim=min(count, len(of_part[1])),
@@ -233,7 +233,7 @@ def vectors(tensor: torch.Tensor) -> Any:
 
 
 @contextmanager
-def _torch_stream(device: torch.device) -> Iterator[None]:
+def torch_stream(device: torch.device) -> Iterator[None]:
     """Queue Warp's work on torch's stream, which keeps the order without waiting for the device."""
     if device.type != "cuda":
         yield

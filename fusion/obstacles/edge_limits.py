@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import torch
 
+from fusion.obstacles.bvh import array, torch_stream, vectors
 from fusion.topology import Topology
+from fusion.warp_start import launch, warp_module
 
 # Edges get no longer than this multiple of their rest length, or than they were where that is more.
 _LONGEST = 1.05
@@ -46,10 +48,7 @@ class EdgeLimits:
         _, ends, longest = self._limited(moved)
         numbers, ends = torch.unique(ends, return_inverse=True)
         points, wall = vertices.reshape(-1, 3)[numbers], walls.reshape(-1, 3)[numbers]
-        loose = self._loose[numbers % vertices.shape[1]][:, None].to(points)
-        for _ in range(_SWEEPS):
-            step = loose * _pull(points, ends, longest)
-            points = points + step - (step * wall).sum(-1, keepdim=True).clamp(max=0) * wall
+        points = _swept(points, ends, longest, wall, self._loose[numbers % vertices.shape[1]])
         return vertices.reshape(-1, 3).index_copy(0, numbers, points).reshape(vertices.shape)
 
     def _limited(self, moved: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -67,13 +66,24 @@ def _lengths(points: torch.Tensor, ends: torch.Tensor) -> torch.Tensor:
     return lengths
 
 
-def _pull(points: torch.Tensor, ends: torch.Tensor, longest: torch.Tensor) -> torch.Tensor:
-    """(P, 3) what each point moves in a sweep."""
-    span = points[ends[:, 1]] - points[ends[:, 0]]
-    length = torch.linalg.vector_norm(span, dim=-1)
-    pull = (0.5 * (1 - longest / length.clamp(min=1e-12)).clamp(min=0))[:, None] * span
-    counted = torch.cat([pull, (length > longest)[:, None].to(pull)], -1)
-    total = points.new_zeros(len(points), 4)
-    total = total.index_add(0, ends[:, 0], counted)
-    total = total.index_add(0, ends[:, 1], counted * counted.new_tensor([-1.0, -1.0, -1.0, 1.0]))
-    return _OVER * total[:, :3] / total[:, 3:].clamp(min=1)
+def _swept(
+    points: torch.Tensor, ends: torch.Tensor, longest: torch.Tensor, walls: torch.Tensor, loose: torch.Tensor
+) -> torch.Tensor:
+    """Points (P, 3), some `loose` (P,), after all sweeps; edges have ends (K, 2), limits (K,), points walls (P, 3)."""
+    from fusion.obstacles.edge_kernels import move_points, pull_ends  # noqa: PLC0415 (defining kernels imports warp)
+
+    start, wall, limits = (values.to(torch.float32).contiguous() for values in (points, walls, longest))
+    moved, places, free = start.clone(), ends.int().contiguous(), loose.to(torch.int8)
+    pulls = moved.new_zeros(len(moved), 4)
+    warp, device = warp_module(), points.device
+    sums = warp.from_torch(pulls, dtype=warp.vec4, return_ctype=True)
+    pulling = [vectors(moved), array(places), array(limits), sums]
+    moving = [_OVER, array(free), vectors(wall), vectors(moved), sums]
+    with torch_stream(device):
+        for _ in range(_SWEEPS if len(places) else 0):
+            for kernel, count, inputs in (
+                (pull_ends, len(places), pulling),
+                (move_points, len(moved), moving),
+            ):
+                launch(kernel, dim=count, inputs=inputs, device=warp.device_from_torch(device))
+    return points + (moved - start).to(points)  # what has not moved stays to the bit in float64, too

@@ -15,7 +15,7 @@ import torch
 from fusion.obstacles.bvh import MeshBvh, array, vectors
 from fusion.obstacles.sdf import Obstacle
 from fusion.topology import Topology
-from render.mesh.normals import VertexNormals, safe_normalize
+from render.mesh.normals import safe_normalize
 
 # Metres by which a point of the cloth that has been inside is put outside: files hold float32, and lifts of its
 # neighbours move it, too.
@@ -279,33 +279,38 @@ class _Sides:
 
 
 class _Surface:
-    """A surface of the obstacle with its edges and, once a pose, its normals."""
+    """A surface of the obstacle with its edges, and the normals at those of its vertices that are asked about."""
 
     def __init__(self, mesh: MeshBvh) -> None:
         self.mesh, self.sides = mesh, _Sides(mesh)
-        self._vertex_normals = VertexNormals(mesh.faces, mesh.n_vertices)
-        self._normals: tuple[torch.Tensor, torch.Tensor] | None = None  # with the pose that they are of
+        by_vertex = np.argsort(mesh.faces.ravel(), kind="stable")
+        starts = np.searchsorted(mesh.faces.ravel()[by_vertex], np.arange(mesh.n_vertices + 1))
+        self._around = [
+            torch.from_numpy(values.astype(np.int32)).to(mesh.device) for values in (starts, by_vertex // 3)
+        ]
 
     def samples(
         self, frames: torch.Tensor, crossed: _Crossed
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Ends of edges that cross, each once, and middles between crossings: rows (K,), points and normals (K, 3)."""
-        posed = self.mesh.vertices
-        if self._normals is None or self._normals[0] is not posed:
-            self._normals = posed, self._vertex_normals(posed)
         ends = self.sides.edges[crossed.edge]
-        place = torch.unique(crossed.row[:, None] * self.mesh.n_vertices + ends)
+        numbers = crossed.row[:, None] * self.mesh.n_vertices + ends
+        place, own = torch.unique(numbers, return_inverse=True)
         row, vertex = place // self.mesh.n_vertices, place % self.mesh.n_vertices
         twice = crossed.twice
         middle = 0.5 * (crossed.first + crossed.last)[twice, None]
-        there, (first, last) = frames[crossed.row[twice]], ends[twice].T
+        first, last = own[twice].T
+        at = self.mesh.vertices[frames[row], vertex], self._normals(frames[row], vertex)
         points, normals = (
-            torch.cat(
-                [
-                    values[frames[row], vertex],
-                    torch.lerp(values[there, first], values[there, last], middle),
-                ]
-            )
-            for values in self._normals
+            torch.cat([values, torch.lerp(values[first], values[last], middle)]) for values in at
         )
         return torch.cat([row, crossed.row[twice]]), points, safe_normalize(normals)
+
+    def _normals(self, frames: torch.Tensor, vertices: torch.Tensor) -> torch.Tensor:
+        """(K, 3) at vertices (K,) in frames (K,)."""
+        from fusion.obstacles.surface_kernels import normals_at  # noqa: PLC0415 (defining kernels imports warp)
+
+        normals = torch.zeros(len(frames), 3, device=frames.device)
+        numbers = [frames.int(), vertices.int(), *self._around]
+        self.mesh.launch_grid(normals_at, (len(frames),), [*numbers, vectors(normals)])
+        return normals

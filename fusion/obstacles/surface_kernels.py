@@ -129,3 +129,28 @@ def nearest(
     if query.result:
         faces[i] = query.face
         weights[i] = wp.vec3(query.u, query.v, 1.0 - query.u - query.v)
+
+
+@wp.kernel
+def normals_at(
+    meshes: wp.array(dtype=wp.uint64),
+    frames: wp.array(dtype=int),
+    chosen: wp.array(dtype=int),
+    face_start: wp.array(dtype=int),
+    faces_around: wp.array(dtype=int),
+    normals: wp.array(dtype=wp.vec3),
+):
+    """Sums of the faces' normals around chosen vertices, by area, as unit vectors; 0 where faces have no area.
+
+    `faces_around` has the faces of vertex i from face_start[i] to face_start[i + 1].
+    """
+    k = wp.tid()
+    mesh = meshes[frames[k]]
+    total = wp.vec3()
+    for place in range(face_start[chosen[k]], face_start[chosen[k] + 1]):
+        face = faces_around[place]
+        p = wp.mesh_get_point(mesh, 3 * face)
+        total += wp.cross(
+            wp.mesh_get_point(mesh, 3 * face + 1) - p, wp.mesh_get_point(mesh, 3 * face + 2) - p
+        )
+    normals[k] = wp.normalize(total)

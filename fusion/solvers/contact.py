@@ -19,16 +19,17 @@ _FAR = 1.0  # metres: an obstacle is said to be so far from vertices that wait f
 _TOUCHING = 1e-5  # metres: a vertex nearer to its plane than this touches it
 # Metres above the margin beyond which a vertex may keep an older plane, moved to where the obstacle can at most be: it
 # hardly moves as far before the next query.
-_REACHED = 0.02
+_REACHED = 0.006
 
 
 class Contact:
     """An obstacle that is asked for only every few steps.
 
     In between, the surface below each vertex is its tangent plane; within the few millimetres that a vertex moves,
-    that is as good. Where the cloth between vertices is in the obstacle although they are not, their planes are
-    raised once, for the clean-up to do what is left. Vertices so deep that the way out would tear them from the cloth
-    around them have no plane until the second query; that cloth pulls them out on its side.
+    that is as good. From the second query on, where the cloth between vertices is in the obstacle although they are
+    not, their planes are raised, for the clean-up to do what is left; at the first one, most of such cloth comes out
+    with its vertices. Vertices so deep that the way out would tear them from the cloth around them have no plane until
+    the second query; that cloth pulls them out on its side.
 
     Args:
         obstacle: one posed obstacle a frame.
@@ -57,7 +58,7 @@ class Contact:
         topology: Topology | None = None,
     ) -> None:
         self._tracker, self._margin, self._every = tracker_of(obstacle), margin_m, every_steps
-        self._surface, self._topology = surface, topology
+        self._surface, self._topology, self._asked = surface, topology, False
         self._loose = like.new_ones(like.shape[1], dtype=torch.bool) if loose is None else loose
         self.normal = frames_last(*like.shape, like=like)
         self.offset = frames_last(*like.shape[:2], like=like)
@@ -75,15 +76,15 @@ class Contact:
         distance, normal = near.distance, near.direction
         self.depth = collision_loss(distance, margin_m=self._margin)
         lift = (self._margin - distance).clamp(min=0) * self._loose
-        if self._topology is not None:
+        if self._topology is not None and not self._asked:
             waiting = torn_away(vertices, lift[..., None] * normal, self._topology)
             normal, lift = normal * ~waiting[..., None], lift * ~waiting
             distance = torch.where(waiting, _FAR, distance)
-            self._topology = None  # from the second query on, none waits
         self.normal.copy_(normal)
         self.offset.copy_((self.normal * vertices).sum(-1) + (self._margin - distance))
-        if self._surface is not None:
+        if self._surface is not None and self._asked:
             self._raise_planes(self._surface, vertices + lift[..., None] * normal, distance + lift)
+        self._asked = True
 
     def measure(self, vertices: torch.Tensor) -> None:
         """Set the depth at vertices (T, N, 3), and leave the planes."""

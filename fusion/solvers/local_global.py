@@ -18,14 +18,15 @@ from fusion.stages import SolverResult, StageProblem, edge_weights, normal_weigh
 from fusion.topology import Topology
 
 # The system estimates the Hessian of every frame at once, so it can only be roughly right; found by trial on simulated
-# garments and on wrinkled tubes. Only the speed depends on these numbers.
+# garments. Where there are only so many steps, results depend on these numbers, too: what knows less of what holds the
+# cloth in place gets as low in fewer steps, and may drift away from the maps.
 # Fraction of the edge term's Hessian if edges resisted in all directions alike: they do in one of three.
-_EDGES = 0.1
+_EDGES = 0.3
 # Distance between rendered and target normals around which |Bn - t| is replaced by a parabola.
 _RESIDUAL = 0.1
 # Stiffness against moving as a whole in the second stage, as a displacement weight in units of the edge term's: the
 # body and the normals hold the cloth in ways of which the system knows nothing.
-_HOLD = 0.5
+_HOLD = 0.1
 # Part of a matrix's mean diagonal that is added where nothing else holds a vertex.
 _FLOOR = 1e-6
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 import torch
 
 from render.errors import InputError
@@ -31,38 +32,36 @@ class SparseProduct:
         self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]
     ) -> None:
         self.shape = shape
-        self._forward = _csr(rows, columns, values, shape)
-        self._transposed = _csr(columns, rows, values, shape[::-1])
-        self._placed: dict[tuple[torch.device, torch.dtype], tuple[_Matrix, _Matrix]] = {}
+        entries = np.asarray(values, np.float64), (np.asarray(rows), np.asarray(columns))
+        self._entries = scipy.sparse.csr_matrix(entries, shape=shape)
+        self._entries.sum_duplicates()
+        self._placed: dict[tuple[torch.device, torch.dtype, bool], _Matrix] = {}
 
     def __call__(self, dense: torch.Tensor) -> torch.Tensor:
         """(..., columns, C) to (..., rows, C)."""
-        forward, transposed = self.placed(dense.device, dense.dtype)
-        return _product(dense, forward, transposed)
+        return _product(dense, self, transposed=False)
 
     def transposed(self, dense: torch.Tensor) -> torch.Tensor:
         """(..., rows, C) to (..., columns, C)."""
-        forward, transposed = self.placed(dense.device, dense.dtype)
-        return _product(dense, transposed, forward)
+        return _product(dense, self, transposed=True)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles rebuild the matrix: torch can copy no CSR tensors."""
-        entries = self._forward.to_sparse_coo()
-        rows, columns = entries.indices().numpy()
-        return SparseProduct, (rows, columns, entries.values().numpy(), self.shape)
+        entries = self._entries.tocoo()
+        return SparseProduct, (entries.row, entries.col, entries.data, self.shape)
 
-    def placed(self, device: torch.device, dtype: torch.dtype) -> tuple[_Matrix, _Matrix]:
-        """Copy the matrix and its transpose to a device; float32 and float64 only (TypeError)."""
+    def placed(self, device: torch.device, dtype: torch.dtype, *, transposed: bool = False) -> _Matrix:
+        """The matrix or its transpose on a device; float32 and float64 only (TypeError)."""
         if dtype not in (torch.float32, torch.float64):
             raise TypeError(
                 f"interpolation needs float32 or float64, found {dtype}: geometry loses too much below"
             )
-        if (device, dtype) not in self._placed:
-            self._placed[device, dtype] = (
-                _Matrix(self._forward.to(device=device, dtype=dtype)),
-                _Matrix(self._transposed.to(device=device, dtype=dtype)),
-            )
-        return self._placed[device, dtype]
+        key = device, dtype, transposed
+        if key not in self._placed:
+            # Made when first asked for: without gradients, most matrices are never transposed.
+            entries = self._entries.T.tocsr() if transposed else self._entries
+            self._placed[key] = _Matrix(_csr(entries).to(device=device, dtype=dtype))
+        return self._placed[key]
 
 
 def differences(pairs: np.ndarray, n_vertices: int) -> SparseProduct:
@@ -99,43 +98,43 @@ class _Matrix:
         )
 
 
-def _csr(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> torch.Tensor:
-    places = torch.from_numpy(np.stack([rows, columns]).astype(np.int64))
-    entries = torch.from_numpy(np.asarray(values, np.float64))
+def _csr(entries: scipy.sparse.csr_matrix) -> torch.Tensor:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Sparse CSR tensor support is in beta state", UserWarning)
-        return (
-            torch.sparse_coo_tensor(places, entries, shape, check_invariants=True).coalesce().to_sparse_csr()
+        return torch.sparse_csr_tensor(
+            torch.from_numpy(entries.indptr.astype(np.int64)),
+            torch.from_numpy(entries.indices.astype(np.int64)),
+            torch.from_numpy(entries.data),
+            size=entries.shape,
+            check_invariants=False,
         )
 
 
-def _product(dense: torch.Tensor, matrix: _Matrix, transposed: _Matrix) -> torch.Tensor:
+def _product(dense: torch.Tensor, product: SparseProduct, *, transposed: bool) -> torch.Tensor:
     """Any leading axes become one of frames, and are put back."""
-    if dense.shape[-2] != matrix.shape[1]:
-        raise InputError(
-            f"{matrix.shape[1]} values expected along the second last axis, found {tuple(dense.shape)}"
-        )
+    rows, columns = product.shape[::-1] if transposed else product.shape
+    if dense.shape[-2] != columns:
+        raise InputError(f"{columns} values expected along the second last axis, found {tuple(dense.shape)}")
     frames = dense.shape[:-2].numel()
-    product = _sparse_dense(dense.reshape(frames, *dense.shape[-2:]), matrix, transposed)
-    return product.reshape(*dense.shape[:-2], matrix.shape[0], dense.shape[-1])
+    found = _sparse_dense(dense.reshape(frames, *dense.shape[-2:]), product, transposed)
+    return found.reshape(*dense.shape[:-2], rows, dense.shape[-1])
 
 
 class _SparseDense(torch.autograd.Function):
     """matrix @ dense for dense (T, columns, C); torch's own would build the transpose again at every backward."""
 
     @staticmethod
-    def forward(ctx: Any, dense: torch.Tensor, matrix: _Matrix, transposed: _Matrix) -> torch.Tensor:
-        ctx.matrices = matrix, transposed
+    def forward(ctx: Any, dense: torch.Tensor, product: SparseProduct, transposed: bool) -> torch.Tensor:
+        ctx.product, ctx.transposed = product, transposed
         with torch.autocast(dense.device.type, enabled=False):
-            return _frames_product(dense, matrix)
+            return _frames_product(dense, product.placed(dense.device, dense.dtype, transposed=transposed))
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, None, None]:
-        matrix, transposed = ctx.matrices
-        return _sparse_dense(gradient, transposed, matrix), None, None
+        return _sparse_dense(gradient, ctx.product, not ctx.transposed), None, None
 
 
-_sparse_dense: Callable[[torch.Tensor, _Matrix, _Matrix], torch.Tensor] = _SparseDense.apply
+_sparse_dense: Callable[[torch.Tensor, SparseProduct, bool], torch.Tensor] = _SparseDense.apply
 
 
 def _frames_product(dense: torch.Tensor, matrix: _Matrix) -> torch.Tensor:

@@ -178,10 +178,12 @@ def garment(made: Scene, *, rounds: int, steps: int = 100) -> dict[str, float]:
     return found
 
 
-def solver_config(solver: str, *, steps: int = 100, batch: int = 8) -> FusionConfig:
-    """The defaults with this solver; `steps` for both stages of adam."""
-    schedule = {"edge_steps": steps, "normal_steps": steps}
-    return FusionConfig.model_validate({"solver": solver, "batch_frames": batch} | schedule)
+def solver_config(solver: str, *, steps: int = 100, batch: int | None = None) -> FusionConfig:
+    """The defaults with this solver; `steps` for both stages of adam, `batch` in place of the default's frames."""
+    changed = {"edge_steps": steps, "normal_steps": steps} | (
+        {} if batch is None else {"batch_frames": batch}
+    )
+    return FusionConfig.model_validate({"solver": solver} | changed)
 
 
 def rmse_mm(vertices: np.ndarray, made: Scene) -> float:

@@ -6,6 +6,7 @@ import torch
 
 from fusion import Topology
 from fusion.obstacles.sdf import SdfQuery
+from fusion.obstacles.surface_contact import SurfaceContacts
 from fusion.solvers.contact import ConstrainedStep, Contact
 from fusion.solvers.energy import Energy
 from render import Mesh
@@ -48,6 +49,29 @@ def test_planes_by_hand():
 def test_it_is_time_for_a_query_at_every_so_many_steps():
     contact = Contact(HalfSpace(), at(0.0, 0.0, 0.0), margin_m=0.0, every_steps=4)
     assert [step for step in range(10) if contact.due(step)] == [0, 4, 8]
+
+
+def test_the_cloth_between_vertices_is_looked_at_from_the_second_query_on():
+    """The triangle's middle is in the ground by a millimetre, its corners are not: at the second query they
+    rise by as much."""
+
+    class Middle:
+        def __init__(self):
+            self.calls = 0
+
+        def find(self, vertices, distance):
+            self.calls += 1
+            none, third = torch.zeros(1, dtype=torch.int64), torch.full((1, 3), 1 / 3).double()
+            up = torch.tensor([[0.0, 1, 0]]).double()
+            return SurfaceContacts(none, torch.arange(3)[None], third, up, torch.full((1,), 1e-3).double())
+
+    surface = Middle()
+    contact = Contact(HalfSpace(0.0), at(0.0, 0.0, 0.0), margin_m=0.0, every_steps=4, surface=surface)
+    contact.update_planes(at(0.0, 0.0, 0.0))
+    assert (surface.calls, contact.offset.tolist()) == (0, [[0.0] * 3])
+    contact.update_planes(at(0.0, 0.0, 0.0))
+    assert surface.calls == 1
+    np.testing.assert_allclose(contact.offset, [[1e-3] * 3])
 
 
 def test_only_what_touches_and_is_pressed_down_slides_along_its_plane():
