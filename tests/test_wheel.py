@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import pytest
 
 from imgtransfer.data.clip import load_clip
 from tests.helpers.amass_files import write_amass
-from tests.helpers.installing import environment_with
+from tests.helpers.installing import add_extra, environment_with
 from tests.helpers.paths import ROOT
 
 MOST_BYTES = 20e6
@@ -25,6 +26,26 @@ CARRIED = {
     "imgtransfer/dressing/garments.npz",
     "imgtransfer/report/templates/style.css",
     "imgtransfer/py.typed",
+}
+
+#: What an extra is for, as a program in a folder with walk.npz; those of a clone are `dev`.
+DRESS = """from imgtransfer.cli.main import main
+assert main("dress walk.npz --garment skirt --frames 0:2 {}".split()) == 0
+"""
+EXTRAS = {
+    "simulate": DRESS.format("--simulate --out a.npz"),
+    "bodies": "import anny, gpytoolbox, imgtransfer.bodies.build",
+    "cluster": "import ray",
+    "smpl": "import smplx",
+    "alembic": DRESS.format("--out a.abc"),
+    "usd": DRESS.format("--out a.usd"),
+    "remote": "import fsspec; fsspec.filesystem('https')",
+    "encoders": "import huggingface_hub, transformers; transformers.ViTModel",
+    "tensorboard": "from torch.utils.tensorboard import SummaryWriter; SummaryWriter('.').close()",
+    "wandb": "import wandb; wandb.init",
+    "uv": "import numpy, xatlas; xatlas.parametrize(numpy.eye(3, dtype='f4'), numpy.array([[0, 1, 2]], 'u4'))",
+    "view": "from imgtransfer.viewing import page_server\nwith page_server('127.0.0.1', 0): pass",
+    "docs": "import ipykernel, material, mkdocs, mkdocstrings, nbclient, nbformat",
 }
 
 pytestmark = pytest.mark.long
@@ -104,3 +125,24 @@ def test_without_the_extra_simulating_says_which(programs: Path, tmp_path: Path)
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].endswith("pip install 'imgtransfer[simulate]'")
     assert not (tmp_path / "walk.glb").exists()
+
+
+def test_every_extra_is_tried() -> None:
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert set(EXTRAS) == set(declared) - {"dev"}
+
+
+@pytest.mark.parametrize("extra", EXTRAS)
+def test_an_extra_is_installed_beside_the_wheel_and_works(extra: str, built: Path, tmp_path: Path) -> None:
+    """From the package index, over the network."""
+    (wheel,) = built.glob("*.whl")
+    programs = environment_with(wheel, tmp_path / "env")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    write_amass(folder / "walk.npz")
+    assert (
+        run(programs, "python", "-c", EXTRAS[extra], folder=folder).returncode != 0
+    )  # nothing else brings it
+    assert add_extra(wheel, extra, programs)
+    done = run(programs, "python", "-c", EXTRAS[extra], folder=folder)
+    assert done.returncode == 0, done.stderr

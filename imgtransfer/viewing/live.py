@@ -12,6 +12,7 @@ import numpy as np
 from torch import Tensor
 
 from fusion import BodySdf, DecodedMaps, FusionInputs, InitialWeights, MovingSurface, fuse
+from fusion.parallel import one_torch_thread
 from imgtransfer.bodies import AnnyConfig, AnnyShape, SkinnedBody, load_body
 from imgtransfer.bodies.smpl import INDEX
 from imgtransfer.data.canonical import RootFrames
@@ -121,6 +122,7 @@ class Worn:
         self._weights = InitialWeights(self._predictor.imager, self._template)
         self.dress = Dress(self._template, rest, lambda: self._predictor.imager)
 
+    @one_torch_thread()  # one frame is too little to share out: two threads wait for each other on a busy machine
     def posed(self, degrees: dict[str, float], *, fused: bool) -> LiveMotion:
         """The garment predicted for a pose.
 

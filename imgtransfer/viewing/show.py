@@ -54,7 +54,7 @@ class Show:
         self._live = live
         if live is not None:
             live.build(server.gui, self.notify)
-        self._cameras = Cameras(server, lambda: bool(self._look.linked.value))
+        self._cameras = Cameras(server, self._look.linked)
         self._showings: tuple[Showing, ...] = ()
         self._figures: list[Figure] = []
         self._live_figure: Figure | None = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -11,13 +10,10 @@ import pytest
 import yaml
 
 from imgtransfer.benchmark.config import BenchmarkConfig
-from imgtransfer.importers.smpl import smpl_body
 from imgtransfer.simulation.config import SimulateConfig
 from imgtransfer.simulation.planning.plan import plan
-from tests.helpers import hub
-from tests.helpers.import_examples import motion, worn, write_model, write_obj
+from tests.helpers.page_files import write_vto
 from tests.helpers.paths import ROOT
-from tests.helpers.public_sets import BETAS, FRAMES, vto_content
 from tests.helpers.tutorials import blocks, run_page
 
 TUTORIALS = ROOT / "docs" / "tutorials"
@@ -102,20 +98,6 @@ def test_own_meshes(clone: Path) -> None:
 def test_vto(clone: Path) -> None:
     write_vto(clone)
     run_page(TUTORIALS / "vto.md", clone)
-
-
-def write_vto(folder: Path) -> None:
-    """Tubes of cloth in the layout of the VTO data set, a model and rest shapes beside them, and a tiny encoder."""
-    model = smpl_body(write_model(folder / "SMPL/SMPL_FEMALE.npz", offset=-0.4))
-    for garment in ("tshirt", "dress"):
-        rest, _ = worn(model, BETAS, motion(1))
-        write_obj(folder / f"vto-garment-collisions/assets/meshes/{garment}.obj", rest.vertices, rest.faces)
-        simulations = folder / f"vto-dataset/{garment}/simulations"
-        simulations.mkdir(parents=True)
-        for seed, sequence in enumerate(("01_01", "07_02", "08_04")):
-            content = vto_content(model, motion(FRAMES, seed=seed)) | {"sequence": sequence}
-            (simulations / f"{garment}_shape00_{sequence}.pkl").write_bytes(pickle.dumps(content))
-    hub.checkpoint(folder / "dino-vitb16")
 
 
 @pytest.mark.long

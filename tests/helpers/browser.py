@@ -63,6 +63,7 @@ def visited(
     context = browser.new_context(
         viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light"
     )
+    context.set_default_timeout(_LONGEST_MS)
     page = context.new_page()
     visit = Visit(page)
 
@@ -80,7 +81,7 @@ def visited(
     page.on("console", note)
     page.on("pageerror", lambda error: visit.errors.append(str(error)))
     context.route("**/*", refuse)
-    page.goto(address, timeout=_LONGEST_MS)
+    page.goto(address)
     try:
         yield visit
     finally:

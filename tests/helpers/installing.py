@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+
+from tests.helpers.paths import ROOT
 
 PROJECT = "imgtransfer"
 
@@ -43,6 +46,33 @@ def environment_with(wheel: Path, folder: Path) -> Path:
             if not (packages / top).exists():
                 (packages / top).symlink_to(Path(str(installed.locate_file(top))).resolve())
     python = folder / "bin" / "python"
-    install = [sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", wheel]
-    subprocess.run([*map(str, install)], check=True, capture_output=True)
+    _output([sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", wheel])
     return folder / "bin"
+
+
+def add_extra(wheel: Path, extra: str, programs: Path) -> set[str]:
+    """Let pip install an extra of the wheel from the package index, beside what is there; returns its packages' names.
+
+    They come into a folder of their own, as those of the environment are links to what is installed here.
+
+    Args:
+        programs: `bin` of an environment from `environment_with`.
+    """
+    pip = [sys.executable, "-m", "pip", "--python", programs / "python", "install", "--quiet"]
+    pinned = ["--constraint", ROOT / "constraints.txt"]
+    wanted = [*pip, *pinned, "--dry-run", "--report", "-", f"{wheel}[{extra}]"]
+    report = json.loads(_output(wanted))["install"]
+    found = {one["metadata"]["name"]: one["metadata"]["version"] for one in report}
+    found.pop(PROJECT, None)
+    assert not found.keys() & needed(), "another version of what the wheel needs by itself"
+    (packages,) = programs.parent.glob("lib/python*/site-packages")
+    added = programs.parent / "added"
+    _output([*pip, "--no-deps", "--target", added, *(f"{name}=={number}" for name, number in found.items())])
+    (packages / "added.pth").write_text(f"{added}\n")
+    return set(found)
+
+
+def _output(words: list[object]) -> str:
+    done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout

@@ -13,6 +13,7 @@ import pytest
 from scripts.bench import (
     fusion,
     fusion_quality,
+    live,
     loader,
     measuring,
     memory,
@@ -28,6 +29,14 @@ from scripts.bench.measuring import Results, Timings, interleaved
 from tests.helpers.paths import ROOT
 
 KEYS = {
+    "live": {
+        "predict_ms",
+        "fuse_ms",
+        "slider_to_page_ms",
+        "ratio_fused_to_read",
+        "shape_ms",
+        "ratio_shape_to_made",
+    },
     "loader": {"share_of_reading_windowed", "share_of_reading_cached", "step_ms_windowed", "step_ms_cached"},
     "trunk": {
         f"{what}_{case}"
@@ -168,6 +177,7 @@ BENCHES = {
     "render": render,
     "fusion": fusion,
     "fusion_quality": fusion_quality,
+    "live": live,
     "loader": loader,
     "memory": memory,
     "predict": predict,
@@ -180,6 +190,7 @@ BENCHES = {
 
 
 SLOW = (
+    "live",
     "loader",
     "memory",
     "predict",

@@ -20,13 +20,13 @@ from imgtransfer.data.arrays import StoredArray
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.data.local_place import LocalPlace
 from imgtransfer.data.metadata import read_arrays
-from imgtransfer.data.place import group_metadata
 from imgtransfer.data.reader import LoadedReader, NpzReader
 from imgtransfer.data.source import clip_refs
 from imgtransfer.data.store import DataSet
 from render import InputError
 from tests.helpers import synthetic
 from tests.helpers.clips import assert_same_clip, on_grid
+from tests.helpers.old_data import as_version_1
 from tests.helpers.paths import ROOT
 
 FRAMES = 70  # three chunks
@@ -211,16 +211,6 @@ def test_a_clip_that_a_killed_writer_moved_aside_is_there_for_whoever_comes_next
 
 
 # schema versions
-
-
-def as_version_1(data: DataSet) -> None:
-    """Take from a version-2 data set what version 1 did not have; its arrays keep their encoding."""
-    root = dict(data.attributes) | {"schema_version": 1}
-    (data.path / "zarr.json").write_bytes(group_metadata(root))
-    for name in data.names():
-        attributes = json.loads((data.path / name / "zarr.json").read_text())["attributes"]
-        kept = ("name", "split", "fps", "frames", "source", "licence", "info")
-        (data.path / name / "zarr.json").write_bytes(group_metadata({key: attributes[key] for key in kept}))
 
 
 def test_migration_keeps_every_value_and_can_be_stopped(

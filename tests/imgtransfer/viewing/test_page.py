@@ -17,7 +17,7 @@ from imgtransfer.shipped import shipped_model
 from imgtransfer.viewing import LiveControls, Show, address_of, open_sources, page_server
 from tests.helpers.browser import Visit, chromium, visited
 from tests.helpers.paths import ROOT
-from tests.helpers.viewing import put, running, step_for, step_until, wait_for_scene
+from tests.helpers.viewing import put, running, step_until, wait_for_scene
 
 _LONGEST_MS = 300_000  # software rendering on a busy machine takes long
 INPUTS = "[...document.querySelectorAll('input')].map(input => input.value).join()"
@@ -34,6 +34,11 @@ def reddish(image: np.ndarray) -> int:
     """How many pixels of the scene are of colours that neither cloth nor skin has, but maps of normals do."""
     red, green, blue = np.moveaxis(image[:, : image.shape[1] // 2].astype(int), -1, 0)
     return int(((red - green > 60) & (blue > 80)).sum())
+
+
+def says(page: Page, text: str) -> bool:
+    """Whether the page shows a text."""
+    return text in page.inner_text("body")
 
 
 def coloured(image: np.ndarray) -> int:
@@ -79,22 +84,19 @@ def test_colours_maps_and_marks_are_seen(page_of: tuple[Show, Visit]) -> None:
     put(look._colours, "error")
     put(look._maps, "normals")
     put(look._crossings, True)
-    step_for(show, visit.page, 3)
-    text = visit.page.inner_text("body")
-    assert "mean 20.0 mm" in text  # the fused vertices are 20 mm off
-    assert "edges through the other" in text
+    step_until(show, visit.page, lambda: says(visit.page, "mean 20.0 mm"))  # the fused vertices are 20 mm off
+    assert says(visit.page, "edges through the other")
+    # The maps are beside them.
+    step_until(show, visit.page, lambda: reddish(picture(visit.page)) > before + 300)
     shown = picture(visit.page)
-    assert reddish(shown) > before + 300  # the maps are beside them
     middle = shown.shape[1] // 2
     saturated = (shown.max(-1).astype(int) - shown.min(-1) > 60)[:, :middle]
     rows, columns = np.nonzero(saturated)
     nearest = np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2)
     visit.page.mouse.click(int(columns[nearest]), int(rows[nearest]))
     step_until(show, visit.page, lambda: look.mark is not None)
-    step_for(show, visit.page, 2)
-    text = visit.page.inner_text("body")
-    assert "mark at" in text
-    assert "pixel" in text
+    step_until(show, visit.page, lambda: says(visit.page, "mark at"))
+    assert says(visit.page, "pixel")
 
 
 @pytest.mark.long
@@ -102,9 +104,8 @@ def test_another_clip_takes_the_place_of_the_first(page_of: tuple[Show, Visit]) 
     show, visit = page_of
     assert show._clip is not None
     put(show._clip._clip, "tube/b")
-    step_for(show, visit.page, 2)
-    assert "method, position only" in visit.page.inner_text("body")
-    assert "method, fused" not in visit.page.inner_text("body")
+    step_until(show, visit.page, lambda: says(visit.page, "method, position only"))
+    assert not says(visit.page, "method, fused")
 
 
 @pytest.mark.long
@@ -118,10 +119,12 @@ def test_a_closed_page_is_missed_by_nobody_and_opens_again(data: Path) -> None:
                 wait_for_scene(visit.page)
                 step_until(show, visit.page, lambda: len(server.get_clients()) == 1)
                 show._play._set_playing(True)
-                step_for(show, visit.page, 2)
+                before = show._clock.frame()
+                step_until(show, visit.page, lambda before=before: show._clock.frame() != before)  # type: ignore[misc]
                 visit.check()
             while server.get_clients():
                 show.step()
+            show.step()
             frame = show._clock.frame()
             show.step()
             assert show._clock.frame() == frame  # nothing plays for nobody
@@ -138,11 +141,9 @@ def test_a_damaged_frame_is_said_on_the_page_which_stays(data: Path) -> None:
             for chunk in (data / "tube/b/garment_vertices").rglob("c/*/*/*"):
                 chunk.write_bytes(b"damaged")
             put(show._clip._clip, "tube/b")
-            step_for(show, visit.page, 2)
-            assert "the store is damaged" in visit.page.inner_text("body")
+            step_until(show, visit.page, lambda: says(visit.page, "the store is damaged"))
             put(show._clip._clip, "tube/a")
-            step_for(show, visit.page, 2)
-            assert "damaged" not in visit.page.inner_text("body")
+            step_until(show, visit.page, lambda: not says(visit.page, "damaged"))
             visit.check()
 
 
@@ -160,10 +161,11 @@ def test_a_garment_is_predicted_live() -> None:
             before, first = picture(visit.page), live.motion()
             assert first is not None
             put(live._turns["arms up"], 40)
-            step_for(show, visit.page, 3)
-            assert (picture(visit.page)[:, :500] != before[:, :500]).any()
+            step_until(
+                show, visit.page, lambda: bool((picture(visit.page)[:, :500] != before[:, :500]).any())
+            )
             put(live._shape["weight"], 0.9)
-            step_for(show, visit.page, 3)
+            show.step()
             last = live.motion()
             assert last is not None
             assert np.ptp(last.now.body[:, 2]) > np.ptp(first.now.body[:, 2])  # stouter
