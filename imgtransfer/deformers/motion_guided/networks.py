@@ -46,6 +46,7 @@ class GarmentSpace(nn.Module):
             (B, features, size, size).
         """
         first = self.project[0]
+        assert isinstance(first, nn.Conv2d)
         weight = first.weight.unflatten(1, (-1, 3))  # (features, J, 3, 3, 3)
         of_points = functional.conv2d(moved, weight.sum(1), first.bias, padding=1)
         of_seeds = torch.einsum("bjc,fjchw->bfhw", shifts, weight).flatten(2)
@@ -73,7 +74,9 @@ class Dynamics(nn.Module):
     @torch.no_grad()
     def begin_still(self, encoder: Encoder) -> None:
         """Let E_dyn begin as E_sta, blind to motion: the last frame's code, which it must say where E_t = 0."""
-        first, static = self.encoder.layers[0].weight, encoder.layers[0].weight
+        ours, theirs = self.encoder.layers[0], encoder.layers[0]
+        assert isinstance(ours, nn.Conv2d) and isinstance(theirs, nn.Conv2d)
+        first, static = ours.weight, theirs.weight
         own = {key: value for key, value in encoder.state_dict().items() if key != "layers.0.weight"}
         padded = torch.cat([static, torch.zeros_like(first[:, static.shape[1] :])], 1)
         self.encoder.load_state_dict(own | {"layers.0.weight": padded})
