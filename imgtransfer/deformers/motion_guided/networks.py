@@ -75,7 +75,8 @@ class Dynamics(nn.Module):
     def begin_still(self, encoder: Encoder) -> None:
         """Let E_dyn begin as E_sta, blind to motion: the last frame's code, which it must say where E_t = 0."""
         ours, theirs = self.encoder.layers[0], encoder.layers[0]
-        assert isinstance(ours, nn.Conv2d) and isinstance(theirs, nn.Conv2d)
+        assert isinstance(ours, nn.Conv2d)
+        assert isinstance(theirs, nn.Conv2d)
         first, static = ours.weight, theirs.weight
         own = {key: value for key, value in encoder.state_dict().items() if key != "layers.0.weight"}
         padded = torch.cat([static, torch.zeros_like(first[:, static.shape[1] :])], 1)
