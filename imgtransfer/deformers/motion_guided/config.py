@@ -47,7 +47,7 @@ class MotionGuidedConfig(Section):
     dynamic_steps: int = Field(
         26_250, ge=1, le=10**8, description="Steps that then fit the encoder of the dynamics."
     )
-    batch_frames: int = Field(4, ge=1, le=1024, description="Frames of a batch, all of one clip.")
+    batch_frames: int = Field(4, ge=1, le=1024, description="Frames of a batch, of all clips.")
     learning_rate: Ratio = Field(1e-4, gt=0, le=1, description="At first.")
     halve_steps: int = Field(
         3750, ge=1, le=10**8, description="Steps after which the learning rate halves, again and again."

@@ -42,23 +42,15 @@ class TextureMaps(nn.Module):
         image[:, :, self.pixels] = values.mT
         return image.unflatten(-1, (self.size, self.size))
 
+    def covered(self) -> Tensor:
+        """(1, 1, size, size): 1 where there is garment, else 0."""
+        return self.image(self.weights.new_ones(1, len(self.pixels), 1))
+
     def at_vertices(self, image: Tensor) -> Tensor:
         """(B, C, H, W) of any size -> (B, N, C), bilinear."""
         grid = (2 * self.uvs - 1).expand(len(image), 1, -1, -1)
         read = functional.grid_sample(image, grid, align_corners=False, padding_mode="border")
         return read[:, :, 0].mT
-
-
-def descriptors(points: Tensor, seeds: Tensor) -> Tensor:
-    """P_t, where each point is to each seed point (section 4.2).
-
-    Args:
-        points: (B, P, 3). seeds: (B, J, 3).
-
-    Returns:
-        (B, P, 3 J), metres.
-    """
-    return (points[:, :, None] - seeds[:, None]).flatten(2)
 
 
 def interaction_forces(

@@ -21,10 +21,10 @@ from imgtransfer.deformers.motion_guided.moving_body import at_rest, moving_body
 from imgtransfer.deformers.motion_guided.rollout import Rollout
 from imgtransfer.deformers.motion_guided.seeds import body_parts, farthest_points, spacing
 from imgtransfer.deformers.motion_guided.texture_space import texture_space
-from imgtransfer.deformers.motion_guided.training import HISTORY, Stages, training_clip
+from imgtransfer.deformers.motion_guided.training import HISTORY, Stages, begin_codes, training_clip
 from render import InputError
 
-_REACH = 0.5  # of the kernel radius at first, in spacings of the seed points
+_REACH = 1.5  # of the kernel radius at first, in spacings of the seed points
 
 
 class MotionGuided(Deformer):
@@ -48,6 +48,7 @@ class MotionGuided(Deformer):
         self.model = model = _begin(first, self.config).to(device)
         chosen = model.seeds.cpu().numpy()
         read = [training_clip(clip, chosen, device) for clip in clips]
+        begin_codes(model, read)
         stages = Stages(self.config, model, read, folder.seed)
         descend(
             model.space,
@@ -58,6 +59,7 @@ class MotionGuided(Deformer):
             folder=folder,
         )
         model.space.requires_grad_(False)
+        model.dynamics.begin_still(model.space.encoder)
         descend(
             model.dynamics,
             stages.dynamic,

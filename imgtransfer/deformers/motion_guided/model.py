@@ -13,7 +13,6 @@ from imgtransfer.deformers.motion_guided.maps import (
     DESCRIPTOR_M,
     FORCE_M,
     TextureMaps,
-    descriptors,
     interaction_forces,
 )
 from imgtransfer.deformers.motion_guided.networks import Dynamics, GarmentSpace
@@ -88,9 +87,8 @@ class MotionGuidedModel(nn.Module):
 
     def static_features(self, points: Tensor, seeds: Tensor, rest: Rest) -> Tensor:
         """S(M_P) of garments (B, N, 3) around seed points (B, J, 3), as differences from the descriptor at rest."""
-        around = descriptors(self.maps.at_pixels(points), seeds)
-        at_rest = descriptors(self.maps.at_pixels(rest.vertices[None]), rest.seeds[None])
-        return self.space.project(self.maps.image((around - at_rest) / DESCRIPTOR_M))
+        moved = self.maps.image(self.maps.at_pixels(points - rest.vertices) / DESCRIPTOR_M)
+        return self.space.features(moved, self.maps.covered(), (seeds - rest.seeds) / DESCRIPTOR_M)
 
     def static_code(self, points: Tensor, seeds: Tensor, rest: Rest) -> Tensor:
         """Z (B, latent) by E_sta."""
@@ -104,10 +102,14 @@ class MotionGuidedModel(nn.Module):
         moving = torch.cat([before.velocity, before.acceleration / ACCELERATION], -1)
         return self.maps.image(torch.cat([forces / FORCE_M, self.maps.at_pixels(moving)], -1))
 
+    def canonical(self, code: Tensor, rest: Rest) -> Tensor:
+        """ĝ (B, N, 3) of codes (B, latent)."""
+        features = self.maps.at_vertices(self.space.decoder(code))
+        return rest.displaced(self.space.displacements(features, self.maps.uvs))
+
     def decoded(self, code: Tensor, rest: Rest) -> Decoded:
         """Displacements and kernel weights of codes (B, latent)."""
-        features = self.maps.at_vertices(self.space.decoder(code))
-        canonical = rest.displaced(self.space.displacements(features, self.maps.uvs))
+        canonical = self.canonical(code, rest)
         radius = self.space.log_radius.exp()[self.parts]
         return Decoded(canonical, kernel_weights(canonical, rest.seeds, radius))
 

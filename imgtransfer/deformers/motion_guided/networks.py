@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from imgtransfer.deformers.motion_guided.config import MotionGuidedConfig
 
@@ -28,16 +29,29 @@ class GarmentSpace(nn.Module):
         self.project = flat_layers(3 * seeds, features, _STATIC)
         self.encoder = Encoder(features, config)
         self.decoder = Decoder(config)
-        layers: list[nn.Module] = []
-        width = features + 2
-        for _ in range(_PERCEPTRON - 1):
-            layers += [nn.Linear(width, features), nn.LeakyReLU(_SLOPE)]
-            width = features
-        last = nn.Linear(width, 3)
-        nn.init.zeros_(last.weight)
-        nn.init.zeros_(last.bias)
-        self.perceptron = nn.Sequential(*layers, last)
+        self.perceptron = perceptron(features + 2, features)
         self.log_radius = nn.Parameter(torch.full((parts,), radius).log())
+
+    def features(self, moved: Tensor, covered: Tensor, shifts: Tensor) -> Tensor:
+        """S(M_P), of descriptors that are differences from those at rest.
+
+        The map of 3 J channels is not made: what it has at a point for each seed point is how far the point moved less
+        how far that one did, so the first convolution is one of three channels, and one of the garment's outline.
+
+        Args:
+            moved: (B, 3, size, size) of the points, 0 where there is no garment. covered: (1, 1, size, size), 1 where
+                there is. shifts: (B, J, 3) of the seed points, all in the unit of the descriptors.
+
+        Returns:
+            (B, features, size, size).
+        """
+        first = self.project[0]
+        assert isinstance(first, nn.Conv2d)
+        weight = first.weight.unflatten(1, (-1, 3))  # (features, J, 3, 3, 3)
+        of_points = functional.conv2d(moved, weight.sum(1), first.bias, padding=1)
+        of_seeds = torch.einsum("bjc,fjchw->bfhw", shifts, weight).flatten(2)
+        outline = functional.unfold(covered, 3, padding=1)[0]  # (9, size²)
+        return self.project[1:](of_points - (of_seeds @ outline).view_as(of_points))
 
     def displacements(self, features: Tensor, uvs: Tensor) -> Tensor:
         """R: features (B, N, features) read at vertices with their coordinates (N, 2) -> d (B, N, 3), metres."""
@@ -56,6 +70,17 @@ class Dynamics(nn.Module):
         super().__init__()
         self.motion = flat_layers(3 * seeds + 6, config.features, _MOTION)
         self.encoder = Encoder(2 * config.features, config)
+
+    @torch.no_grad()
+    def begin_still(self, encoder: Encoder) -> None:
+        """Let E_dyn begin as E_sta, blind to motion: the last frame's code, which it must say where E_t = 0."""
+        ours, theirs = self.encoder.layers[0], encoder.layers[0]
+        assert isinstance(ours, nn.Conv2d)
+        assert isinstance(theirs, nn.Conv2d)
+        first, static = ours.weight, theirs.weight
+        own = {key: value for key, value in encoder.state_dict().items() if key != "layers.0.weight"}
+        padded = torch.cat([static, torch.zeros_like(first[:, static.shape[1] :])], 1)
+        self.encoder.load_state_dict(own | {"layers.0.weight": padded})
 
     def forward(self, static: Tensor, motion: Tensor | None) -> Tensor:
         """Z_t of S(M_P) (B, features, size, size) and the maps of C_t, velocity and acceleration; E_t = 0 for None."""
@@ -103,6 +128,25 @@ class Decoder(nn.Module):
     def forward(self, code: Tensor) -> Tensor:
         """(B, latent) -> (B, features, 2 size, 2 size)."""
         return self.layers(self.first(code).unflatten(1, (-1, 2, 2)))
+
+
+def perceptron(inputs: int, width: int) -> nn.Sequential:
+    """R, whose output of three numbers is 0 at first: the template.
+
+    Its layers keep the size of what goes through them (He et al. 2015). PyTorch's own beginning makes it a hundred
+    times smaller over the five of them, and what the code says hardly reached the displacements.
+    """
+    layers: list[nn.Module] = []
+    for _ in range(_PERCEPTRON - 1):
+        layer = nn.Linear(inputs, width)
+        nn.init.kaiming_normal_(layer.weight, a=_SLOPE)
+        nn.init.zeros_(layer.bias)
+        layers += [layer, nn.LeakyReLU(_SLOPE)]
+        inputs = width
+    last = nn.Linear(inputs, 3)
+    nn.init.zeros_(last.weight)
+    nn.init.zeros_(last.bias)
+    return nn.Sequential(*layers, last)
 
 
 def flat_layers(channels: int, features: int, count: int) -> nn.Sequential:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
@@ -21,6 +22,9 @@ from imgtransfer.deformers.motion_guided.skinning import Rest, posed
 from render.mesh.mesh import edges_of
 
 HISTORY = 3  # frames before one, by which velocity and acceleration are known
+_FRAMES_PER_NUMBER = 16  # of a latent code, that its beginning is taken from
+_AT_ONCE = 16  # frames, in memory
+_DISTINCT = 0.01  # of the largest singular value; what varies less is noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +89,20 @@ class Stages:
 
     def static(self, step: int) -> dict[str, Tensor]:
         """L_rec + L_rand + λ1 L_SDF0 + λ2 L_reg of garments as they are."""
+        return _mean([(len(frames), self._static(clip, frames)) for clip, frames in self._draw(step, 0)])
+
+    def dynamic(self, step: int) -> dict[str, Tensor]:
+        """L_geo + L_Z + λ2 L_reg (equation 2) of frames after true ones, and of those that nothing moves."""
+        drawn = self._draw(step, HISTORY)
+        return _mean([(len(frames), self._dynamic(clip, frames)) for clip, frames in drawn])
+
+    def _static(self, clip: TrainingClip, frames: Tensor) -> dict[str, Tensor]:
         config, model = self._config, self._model
-        clip, frames = self._draw(step, 0)
         seeds, truth = clip.body.seeds[frames], clip.garment[frames]
         code = model.static_code(truth, seeds.points, clip.rest)
         decoded = model.decoded(code, clip.rest)
         garment, _ = posed(decoded.canonical, decoded.weights, seeds)
-        imagined = model.decoded(torch.randn_like(code), clip.rest).canonical
+        imagined = model.canonical(torch.randn_like(code), clip.rest)
         both = torch.cat([decoded.canonical, imagined])
         # Two terms of means over one half each.
         clearance = 2 * losses.clearance_loss(clip.surface.distance(both), config.margin_m)
@@ -102,10 +113,8 @@ class Stages:
             "regularisation": config.regularisation * losses.code_regularisation(code),
         }
 
-    def dynamic(self, step: int) -> dict[str, Tensor]:
-        """L_geo + L_Z + λ2 L_reg (equation 2) of frames after true ones, and of those that nothing moves."""
+    def _dynamic(self, clip: TrainingClip, frames: Tensor) -> dict[str, Tensor]:
         config, model = self._config, self._model
-        clip, frames = self._draw(step, HISTORY)
         seeds, last = clip.body.seeds[frames], clip.body.seeds[frames - 1]
         truth, truth_last = clip.garment[frames], clip.garment[frames - 1]
         index = frames - HISTORY
@@ -132,14 +141,52 @@ class Stages:
             "regularisation": config.regularisation * regularisation,
         }
 
-    def _draw(self, step: int, first: int) -> tuple[TrainingClip, Tensor]:
-        """A clip, by its number of frames, and frames of it from `first` on."""
+    def _draw(self, step: int, first: int) -> list[tuple[TrainingClip, Tensor]]:
+        """Frames of a batch, of all clips' from `first` on, by clip."""
         generator = np.random.default_rng((self._seed, step, first))
-        counts = np.array([len(clip.garment) - first for clip in self._clips])
-        clip = self._clips[generator.choice(len(counts), p=counts / counts.sum())]
-        available = len(clip.garment) - first
-        frames = generator.permutation(available)[: self._config.batch_frames] + first
-        return clip, torch.from_numpy(np.sort(frames)).to(clip.garment.device)
+        ends = np.cumsum([len(clip.garment) - first for clip in self._clips])
+        drawn = np.sort(generator.permutation(ends[-1])[: self._config.batch_frames])
+        owner = np.searchsorted(ends, drawn, side="right")
+        parts = []
+        for number in np.unique(owner):
+            clip = self._clips[number]
+            frames = drawn[owner == number] - ends[number] + len(clip.garment)
+            parts.append((clip, torch.from_numpy(frames).to(clip.garment.device)))
+        return parts
+
+
+def _mean(parts: Sequence[tuple[int, dict[str, Tensor]]]) -> dict[str, Tensor]:
+    """Terms of a batch from those of its parts, each a mean over so many frames."""
+    total = sum(count for count, _ in parts)
+    return {
+        name: torch.stack([count / total * terms[name] for count, terms in parts]).sum()
+        for name in parts[0][1]
+    }
+
+
+@torch.no_grad()
+def begin_codes(model: MotionGuidedModel, clips: Sequence[TrainingClip]) -> None:
+    """Let the latent codes of the training frames begin with mean 0, variance 1 and no correlation.
+
+    Left to itself the encoder begins with codes that are nearly the same for all frames; L_reg is content with one
+    code of the right length, and the decoder learns the mean garment for hundreds of steps. As many numbers as there
+    are frames to tell apart begin this way (principal components of the last layer's inputs), the others at 0.
+    """
+    layer, taken = model.space.encoder.code, []
+    for clip in clips:
+        share = max(1, math.ceil(_FRAMES_PER_NUMBER * layer.out_features / len(clips)))
+        chosen = np.unique(np.linspace(0, len(clip.garment) - 1, share).round().astype(int))
+        for frames in torch.from_numpy(chosen).split(_AT_ONCE):
+            features = model.static_features(clip.garment[frames], clip.body.seeds.points[frames], clip.rest)
+            taken.append(model.space.encoder.layers(features).flatten(1))
+    inputs = torch.cat(taken)
+    mean = inputs.mean(0)
+    _, sizes, directions = torch.linalg.svd(inputs - mean, full_matrices=False)
+    known = min(layer.out_features, int((sizes > _DISTINCT * sizes[0]).sum()))
+    weight = torch.zeros_like(layer.weight)
+    weight[:known] = directions[:known] / sizes[:known, None] * len(inputs) ** 0.5
+    layer.weight.copy_(weight)
+    layer.bias.copy_(-weight @ mean)
 
 
 def _placed(value: Any, device: torch.device) -> Any:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import torch
 
-from imgtransfer.deformers.motion_guided.maps import TextureMaps, descriptors, interaction_forces
+from imgtransfer.deformers.motion_guided.maps import TextureMaps, interaction_forces
 
 
 def _maps() -> TextureMaps:
@@ -26,14 +26,13 @@ def test_values_at_pixels_and_images():
     np.testing.assert_allclose(_maps().image(at_pixels), [[[[1, 0], [0, 3]], [[10, 0], [0, 30]]]])
 
 
+def test_where_there_is_garment():
+    np.testing.assert_array_equal(_maps().covered(), [[[[1, 0], [0, 1]]]])
+
+
 def test_u_goes_with_columns_and_reading_is_bilinear():
     image = torch.tensor([[[[1.0, 5], [7, 9]]]])
     np.testing.assert_allclose(_maps().at_vertices(image)[0, :, 0], [1, 5, 3])
-
-
-def test_descriptors_are_differences_to_each_seed_point():
-    points, seeds = torch.tensor([[[1.0, 2, 3]]]), torch.tensor([[[1.0, 0, 0], [0, 0, 5]]])
-    np.testing.assert_allclose(descriptors(points, seeds), [[[0, 2, 3, 1, 2, -2]]])
 
 
 def test_only_points_behind_a_seed_point_are_pushed_along_its_normal():
