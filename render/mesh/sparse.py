@@ -73,19 +73,24 @@ def differences(pairs: np.ndarray, n_vertices: int) -> SparseProduct:
 class _Matrix:
     """One sparse matrix on one device in one dtype, in the form whose product is fastest there.
 
-    In float32 that is a sum of weighted bags of rows (scripts/bench/render.py compares), in float64 CSR.
+    In float32 that is a sum of weighted bags of rows (scripts/bench/render.py compares), in float64 CSR: on CPUs
+    SciPy's, which sums in one order for any number of columns. What torch calls there does not, on some processors.
     """
 
     def __init__(self, csr: torch.Tensor) -> None:
         self.shape = csr.shape
-        self._csr = csr if csr.dtype == torch.float64 else None
+        self._csr: torch.Tensor | scipy.sparse.csr_matrix | None = None
+        if csr.dtype == torch.float64:
+            self._csr = csr if csr.device.type != "cpu" else _as_scipy(csr)
         self._starts, self._columns = csr.crow_indices().int(), csr.col_indices().int()
         self._values = csr.values()
 
     def times(self, dense: torch.Tensor) -> torch.Tensor:
         """(columns, C) to (rows, C)."""
-        if self._csr is not None:
+        if isinstance(self._csr, torch.Tensor):
             return self._csr @ dense
+        if self._csr is not None:
+            return torch.from_numpy(self._csr @ dense.numpy())
         if len(self._values) == 0 or dense.numel() == 0:
             return dense.new_zeros(self.shape[0], dense.shape[1])
         return torch.nn.functional.embedding_bag(
@@ -108,6 +113,11 @@ def _csr(entries: scipy.sparse.csr_matrix) -> torch.Tensor:
             size=entries.shape,
             check_invariants=False,
         )
+
+
+def _as_scipy(csr: torch.Tensor) -> scipy.sparse.csr_matrix:
+    parts = csr.values().numpy(), csr.col_indices().numpy(), csr.crow_indices().numpy()
+    return scipy.sparse.csr_matrix(parts, shape=tuple(csr.shape))
 
 
 def _product(dense: torch.Tensor, product: SparseProduct, *, transposed: bool) -> torch.Tensor:
