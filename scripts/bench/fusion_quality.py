@@ -71,9 +71,7 @@ def measure(quick: bool) -> Results:
 def six_scenes(frames: slice, size: int) -> Mapping[str, Callable[[], Scene]]:
     """What makes each scene, by name: some of its frames, maps of `size` pixels where they are not predicted."""
     predicted = {
-        f"predicted_{name}": lambda clip=clip: scenes.predicted_scene(
-            scenes.sample_clip("tshirt", clip, slice(None, None, 6)).slice(frames)
-        )
+        f"predicted_{name}": lambda clip=clip: scenes.predicted_scene(clip, 6, frames)
         for name, clip in (("bend", scenes.BEND), ("punch", scenes.PUNCH))
     }
     disturbed = {

@@ -57,12 +57,19 @@ def at_rest(clip: Clip, *, size: int = SIZE) -> Scene:
     return replace(still, truth=points.numpy(), positions=imager.operator(points), normals=normals)
 
 
-def predicted_scene(clip: Clip) -> Scene:
-    """What configs/pretrained predicts for a clip of its T-shirt."""
+def predicted_scene(name: str, step: int, frames: slice) -> Scene:
+    """What configs/pretrained predicts for a clip of its T-shirt: `frames` of every `step`-th frame.
+
+    Predicted is the whole clip, as the model looks at where the body was fractions of a second before.
+    """
+    clip = sample_clip("tshirt", name, slice(None))
     prediction = load_model(MODEL).predict(clip)
-    true = true_scene(clip)
+    true = true_scene(clip.slice(slice(None, None, step)).slice(frames))
+    chosen = np.arange(clip.n_frames)[::step][frames]
     normals = torch.where(prediction.imager.mask[..., None], 2 * prediction.normals - 1, 0)
-    return replace(true, imager=prediction.imager, positions=prediction.metres(), normals=normals)
+    return replace(
+        true, imager=prediction.imager, positions=prediction.metres()[chosen], normals=normals[chosen]
+    )
 
 
 def disturbed(true: Scene) -> Scene:

@@ -82,6 +82,9 @@ def bare_page(server: viser.ViserServer, eye: tuple[float, float, float]) -> Ite
         listening.start()
         page.look(eye)
         wait_until(lambda: bool(set(server.get_clients()) - before))
+        # Nobody can click before a page has been welcomed, which another thread does: it then listens to the camera.
+        (number,) = set(server.get_clients()) - before
+        wait_until(lambda: bool(server.get_clients()[number].camera._state.camera_cb))
         yield page
     listening.join(_LONGEST_S)
 
