@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from fusion import Topology
-from fusion.obstacles.edge_limits import EdgeLimits
+from fusion.obstacles.edge_limits import _OVER, _SWEEPS, EdgeLimits, _swept
 from render import Mesh
 
 TRIANGLE = Topology(Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])))
@@ -51,3 +51,39 @@ def test_pins_walls_and_other_frames_hold():
     assert torch.equal(found[1], points[1])
     assert found[0, 1, 0] >= 1.4
     assert not torch.equal(found[0, 2], points[0, 2])
+
+
+def plain_sweeps(points, ends, longest, walls, loose):
+    """`_swept` edge by edge: half of what an edge is too long by to both of its ends, and of each end's the mean."""
+    points = points.copy()
+    for _ in range(_SWEEPS):
+        pulls, counts = np.zeros_like(points), np.zeros(len(points))
+        for (first, second), most in zip(ends, longest, strict=True):
+            span = points[second] - points[first]
+            length = np.sqrt(span @ span)
+            if length > most:
+                for end, sign in ((first, 1), (second, -1)):
+                    pulls[end] += sign * 0.5 * (1 - most / length) * span
+                    counts[end] += 1
+        for point in range(len(points)):
+            if counts[point] and loose[point]:
+                step = _OVER * pulls[point] / counts[point]
+                points[point] += step - min(step @ walls[point], 0) * walls[point]
+    return points
+
+
+def test_sweeps_are_those_of_a_plain_loop():
+    random = np.random.default_rng(4)
+    points, ends = random.normal(size=(12, 3)), random.integers(0, 12, size=(40, 2))
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    longest = random.uniform(0.2, 2.0, len(ends))
+    walls = random.normal(size=(12, 3))
+    walls /= np.linalg.norm(walls, axis=1, keepdims=True)
+    walls[::3] = 0
+    loose = random.random(12) < 0.8
+    assert 0 < loose.sum() < 12
+    given = (torch.from_numpy(values) for values in (points, ends, longest, walls, loose))
+    found = _swept(*given).numpy()
+    np.testing.assert_allclose(found, plain_sweeps(points, ends, longest, walls, loose), atol=1e-5)
+    assert np.abs(found - points).max() > 0.1
+    assert np.array_equal(found[~loose], points[~loose])

@@ -7,11 +7,13 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from fusion import BodySdf, Obstacles, OuterSurface, Topology, lift_clear
+from fusion.obstacles.bvh import MeshBvh
 from fusion.obstacles.crossings import edges_through_faces
-from fusion.obstacles.surface_contact import SurfaceContact, SurfaceContacts
+from fusion.obstacles.surface_contact import SurfaceContact, SurfaceContacts, _Surface
 from fusion.solvers.contact import ConstrainedStep, Contact
 from fusion.solvers.energy import Energy
 from render import Mesh
+from render.mesh.normals import VertexNormals
 from tests.helpers.half_space import HalfSpace
 
 CLEAR = 2e-4  # metres that a point gets in front of the surface
@@ -227,3 +229,20 @@ def test_the_solvers_planes_are_raised_where_cloth_between_vertices_is_inside():
         left = SurfaceContact(sdf, topology, CPU).find(energy.vertices, sdf.query(energy.vertices).distance)
         depths.append(0.0 if left is None else left.depth.sum().item())
     assert depths[1] < 0.5 * depths[0]
+
+
+def test_normals_at_some_vertices_are_those_of_all():
+    """Of two poses; the last vertex is in no face, and one face has no area."""
+    body = trimesh.creation.icosphere(subdivisions=1, radius=0.2)
+    count = len(body.vertices) + 1
+    faces = np.concatenate([body.faces, [[0, 0, 1]]])
+    still = np.concatenate([body.vertices, [[9.0, 9.0, 9.0]]])
+    poses = torch.from_numpy(np.stack([still, still * [1.0, 2.0, 0.5] + 0.3]).astype(np.float32))
+    mesh = MeshBvh(faces, count, device="cpu", name="body")
+    mesh.update(poses)
+    frames, vertices = torch.tensor([1, 0, 1, 0, 0]), torch.tensor([0, 0, 7, 12, count - 1])
+    found = _Surface(mesh)._normals(frames, vertices)
+    expected = VertexNormals(faces, count)(poses)[frames, vertices]
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-5)
+    assert found[-1].abs().max() == 0
+    assert not torch.allclose(found[0], found[1], atol=0.01)
