@@ -101,7 +101,7 @@ def hanging(template: Mesh, body: Mesh, cloth: ClothConfig, *, pinned: bool = Fa
     hangs = settled(dressed, cloth, _SOLVER, _FPS)
     _check(sewn, hangs, rest)
     moved = 1000 * np.linalg.norm(hangs - sewn.vertices, axis=-1).mean()
-    _log.info("%s: came down by %.1f mm in the mean", template.source, moved)
+    _log.info("%s: hangs %.1f mm, in the mean, from where it was put on", template.source, moved)
     assert sewn.surface is not None
     return round_to_grid(hangs[sewn.surface.vertices])
 

@@ -60,7 +60,7 @@ class SparseProduct:
         if key not in self._placed:
             # Made when first asked for: without gradients, most matrices are never transposed.
             entries = self._entries.T.tocsr() if transposed else self._entries
-            self._placed[key] = _Matrix(_csr(entries).to(device=device, dtype=dtype))
+            self._placed[key] = _Matrix(entries, device, dtype)
         return self._placed[key]
 
 
@@ -77,11 +77,12 @@ class _Matrix:
     SciPy's, which sums in one order for any number of columns. What torch calls there does not, on some processors.
     """
 
-    def __init__(self, csr: torch.Tensor) -> None:
+    def __init__(self, entries: scipy.sparse.csr_matrix, device: torch.device, dtype: torch.dtype) -> None:
+        csr = _csr(entries).to(device=device, dtype=dtype)
         self.shape = csr.shape
         self._csr: torch.Tensor | scipy.sparse.csr_matrix | None = None
-        if csr.dtype == torch.float64:
-            self._csr = csr if csr.device.type != "cpu" else _as_scipy(csr)
+        if dtype == torch.float64:
+            self._csr = csr if device.type != "cpu" else entries
         self._starts, self._columns = csr.crow_indices().int(), csr.col_indices().int()
         self._values = csr.values()
 
@@ -113,11 +114,6 @@ def _csr(entries: scipy.sparse.csr_matrix) -> torch.Tensor:
             size=entries.shape,
             check_invariants=False,
         )
-
-
-def _as_scipy(csr: torch.Tensor) -> scipy.sparse.csr_matrix:
-    parts = csr.values().numpy(), csr.col_indices().numpy(), csr.crow_indices().numpy()
-    return scipy.sparse.csr_matrix(parts, shape=tuple(csr.shape))
 
 
 def _product(dense: torch.Tensor, product: SparseProduct, *, transposed: bool) -> torch.Tensor:
