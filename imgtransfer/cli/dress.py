@@ -218,7 +218,9 @@ def _predicted(
         model.check_garment(still := reader.clip(0, 1))
         if args.settle:
             check_hangs(model.general, model.source)
-        hangs = hanging_template(still, pinned=args.pinned) if args.settle else None
+        hangs = None
+        if args.settle:
+            hangs = hanging_template(still, pinned=args.pinned, anyway=args.anyway)
     with (
         _bar(reader.n_frames, reader.name) as bar,
         written_animation(args.out, n_frames=reader.n_frames, frames_as=args.frames_as) as add,

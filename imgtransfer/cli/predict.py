@@ -64,6 +64,12 @@ def add_parser(
         help="with --settle: the garments' topmost opening is a waistband, which stays on the skin",
     )
     parser.add_argument(
+        "--anyway",
+        action="store_true",
+        help="with --settle: take a template although it slips off or is stretched while it is let hang, such as a "
+        "hood that is meant to fall back",
+    )
+    parser.add_argument(
         "--fuse",
         action="store_true",
         help="then refine each clip as `imgtransfer fuse` does, with its default settings; both results stay",
@@ -78,8 +84,11 @@ def run(args: argparse.Namespace) -> None:
     from imgtransfer.running import run_tasks  # noqa: PLC0415
     from imgtransfer.training.hub import model_path  # noqa: PLC0415
 
-    if args.pinned and not args.settle:
-        raise InputError("--pinned says how a garment is let hang; give --settle with it, or leave it out")
+    for option in ("pinned", "anyway"):
+        if getattr(args, option) and not args.settle:
+            raise InputError(
+                f"--{option} says how a garment is let hang; give --settle with it, or leave it out"
+            )
     executor = chosen_executor(args)
     args.model = model_path(args.model)
     chosen = _of_method(args) if is_deformer(args.model) else _of_network(args)
@@ -136,6 +145,7 @@ def _of_network(args: argparse.Namespace) -> _Chosen:
         "mirrored_average": not args.no_mirrored_average,
         "settle": args.settle,
         "pinned": args.pinned,
+        "anyway": args.anyway,
     }
     tasks = [PredictTask(path, mark, ref, folder, **chosen) for ref, folder in clips.tasks]
     return replace(clips, function=predict_clip, tasks=tasks)

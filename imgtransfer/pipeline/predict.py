@@ -46,7 +46,7 @@ class PredictTask:
         overwrite: whether to predict again what this model has predicted already.
         mirrored_average: whether a model that averages with the mirrored prediction may do so.
         settle: whether the template is let hang on the resting body first, by simulation. pinned: its topmost opening
-            is then a waistband, which stays on the skin.
+            is then a waistband, which stays on the skin. anyway: it is taken although it slips off or is stretched.
     """
 
     model: Path
@@ -57,6 +57,7 @@ class PredictTask:
     mirrored_average: bool = True
     settle: bool = False
     pinned: bool = False
+    anyway: bool = False
 
     @property
     def name(self) -> str:
@@ -80,7 +81,9 @@ def predict_clip(task: PredictTask) -> str:
     bar = partial(tqdm, total=batches, desc=reader.name, unit="batch", leave=False, disable=hidden)
     record = {"model": task.mark, MADE: made}
     model = _model(task.model, task.mark, task.mirrored_average)
-    hangs = hanging_template(reader.clip(0, 1), pinned=task.pinned) if task.settle else None
+    hangs = None
+    if task.settle:
+        hangs = hanging_template(reader.clip(0, 1), pinned=task.pinned, anyway=task.anyway)
     save_prediction(task.folder, model, reader, record=record, hangs=hangs, progress=bar)
     return f"{task.folder}  {reader.n_frames} frames"
 

@@ -33,11 +33,11 @@ _SLIDES = 0.06  # metres that a top opening slips and a note says so; necks that
 _SOLVER = SolverConfig(self_contact=True)  # as the templates hang that the general checkpoint knows
 
 
-def hanging_template(clip: Clip, *, pinned: bool = False) -> np.ndarray:
+def hanging_template(clip: Clip, *, pinned: bool = False, anyway: bool = False) -> np.ndarray:
     """A clip's template as it hangs on the clip's resting body, cotton; once a process for clips of one outfit.
 
     Args:
-        clip: any of its frames. pinned: see `hanging`.
+        clip: any of its frames. pinned, anyway: see `hanging`.
 
     Returns:
         (N, 3) float32 metres.
@@ -49,7 +49,7 @@ def hanging_template(clip: Clip, *, pinned: bool = False) -> np.ndarray:
     arrays = (clip.template.vertices, clip.template.faces, clip.body.rest, clip.body.faces)
     content = fingerprint(np.ascontiguousarray(array).data for array in arrays)
     template = Mesh(clip.template.vertices.astype(np.float64), clip.template.faces, clip.name)
-    return _hanging(_Outfit(content, template, Mesh(clip.body.rest, clip.body.faces)), pinned)
+    return _hanging(_Outfit(content, template, Mesh(clip.body.rest, clip.body.faces)), pinned, anyway)
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,14 @@ class _Outfit:
 
 
 @lru_cache(maxsize=8)
-def _hanging(outfit: _Outfit, pinned: bool) -> np.ndarray:
-    return hanging(outfit.template, outfit.body, ClothConfig(), pinned=pinned)
+def _hanging(outfit: _Outfit, pinned: bool, anyway: bool) -> np.ndarray:
+    return hanging(outfit.template, outfit.body, ClothConfig(), pinned=pinned, anyway=anyway)
 
 
 @one_blas_thread()
-def hanging(template: Mesh, body: Mesh, cloth: ClothConfig, *, pinned: bool = False) -> np.ndarray:
+def hanging(
+    template: Mesh, body: Mesh, cloth: ClothConfig, *, pinned: bool = False, anyway: bool = False
+) -> np.ndarray:
     """The template as it hangs on the resting body after 0.8 s of simulation.
 
     Vertices of split seams, which lie on each other at open edges, move together.
@@ -76,6 +78,7 @@ def hanging(template: Mesh, body: Mesh, cloth: ClothConfig, *, pinned: bool = Fa
         template: (N, 3) metres, put on the body without touching it much. body: at rest, metres.
         cloth: its material; the rest shape is the template itself.
         pinned: whether the topmost opening is a waistband, which stays on the skin.
+        anyway: only note that it slips off or is stretched, such as a hood that is meant to fall back.
 
     Returns:
         (N, 3) float32 metres, on the 2⁻¹⁶ m grid.
@@ -99,25 +102,27 @@ def hanging(template: Mesh, body: Mesh, cloth: ClothConfig, *, pinned: bool = Fa
         covered_skin(sewn.vertices, rest),
     )
     hangs = settled(dressed, cloth, _SOLVER, _FPS)
-    _check(sewn, hangs, rest)
+    _check(sewn, hangs, rest, anyway=anyway)
     moved = 1000 * np.linalg.norm(hangs - sewn.vertices, axis=-1).mean()
     _log.info("%s: hangs %.1f mm, in the mean, from where it was put on", template.source, moved)
     assert sewn.surface is not None
     return round_to_grid(hangs[sewn.surface.vertices])
 
 
-def _check(sewn: Mesh, hangs: np.ndarray, rest: np.ndarray) -> None:
+def _check(sewn: Mesh, hangs: np.ndarray, rest: np.ndarray, *, anyway: bool) -> None:
     gates = GateConfig()
     if not np.isfinite(hangs).all():
         raise InputError(
             f"{sewn.source}: the cloth came apart while it was let hang; is it in metres, and on the body?"
         )
-    if (slipped := slip(sewn, hangs[None], rest, rest[None])) > gates.slip:
-        raise InputError(
+    slipped = slip(sewn, hangs[None], rest, rest[None])
+    if slipped > gates.slip:
+        _object(
             f"{sewn.source}: the garment's topmost opening slips {100 * slipped:.0f} cm down the resting body; with "
-            f"{Option('pinned', True)} it is a waistband, which stays on the skin"
+            f"{Option('pinned', True)} it is a waistband, which stays on the skin",
+            anyway=anyway,
         )
-    if slipped > _SLIDES:
+    elif slipped > _SLIDES:
         _log.warning(
             "note: %s: the garment's topmost opening has come down by %.0f cm over the body; where it is a waistband, "
             "%s holds it",
@@ -127,7 +132,15 @@ def _check(sewn: Mesh, hangs: np.ndarray, rest: np.ndarray) -> None:
         )
     stretch = edge_lengths(hangs, sewn.edges) / edge_lengths(sewn.vertices, sewn.edges)
     if (worst := np.percentile(stretch, 99)) > gates.worst_p99_stretch:
-        raise InputError(
+        _object(
             f"{sewn.source}: one edge in a hundred is stretched to {worst:.1f} times its length where the garment is "
-            "let hang; it lies in the body or is too small for it"
+            "let hang; it lies in the body or is too small for it",
+            anyway=anyway,
         )
+
+
+def _object(text: str, *, anyway: bool) -> None:
+    """Refuse what went wrong, or note it."""
+    if not anyway:
+        raise InputError(f"{text} ({Option('anyway', True)} goes on all the same)")
+    _log.warning("note: %s", text)

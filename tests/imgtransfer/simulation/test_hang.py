@@ -71,8 +71,24 @@ def test_a_waistband_stays_where_it_is() -> None:
 
 
 def test_a_tube_that_slides_down_a_mast_is_refused_with_the_flag_that_holds_it() -> None:
-    with pytest.raises(InputError, match=r"tube: the garment's topmost opening slips \d+ cm down .*pinned"):
+    refusal = r"tube: the garment's topmost opening slips \d+ cm .*pinned=True .* \(anyway=True goes on all the same\)$"
+    with pytest.raises(InputError, match=refusal):
         hanging(tube(radius=0.2), mast(), COTTON)
+
+
+def test_what_slips_or_is_stretched_hangs_all_the_same_with_a_note(caplog: pytest.LogCaptureFixture) -> None:
+    ring = tube(radius=0.2)
+    with caplog.at_level("WARNING"):
+        hangs = hanging(ring, mast(), COTTON, anyway=True)
+    assert "note: tube: the garment's topmost opening slips" in caplog.text
+    assert hangs[:, 1].mean() < ring.vertices[:, 1].mean() - 0.15
+    caplog.clear()
+    tight = tube(radius=0.04)  # of a mast of 6.5 cm
+    with pytest.raises(InputError, match=r"one edge in a hundred is stretched to .* \(anyway=True goes on"):
+        hanging(tight, mast(), COTTON, pinned=True)
+    with caplog.at_level("WARNING"):
+        assert np.isfinite(hanging(tight, mast(), COTTON, pinned=True, anyway=True)).all()
+    assert "note: tube: one edge in a hundred is stretched to" in caplog.text
 
 
 def test_a_waist_that_slides_to_where_the_body_is_wider_is_noted(caplog: pytest.LogCaptureFixture) -> None:
@@ -170,6 +186,7 @@ def test_a_model_of_one_garment_is_not_shown_another_shape_of_it(
         "was trained on one garment and knows its template as it is; leave out --settle"
         in capsys.readouterr().err
     )
-    assert main([*words, "--pinned"]) == 2
-    assert "--pinned says how a garment is let hang; give --settle with it" in capsys.readouterr().err
+    for option in ("--pinned", "--anyway"):
+        assert main([*words, option]) == 2
+        assert f"{option} says how a garment is let hang; give --settle with it" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
