@@ -27,7 +27,8 @@ def contact_sheet(
 
     Args:
         rows: rows of images, each (h, w, 3) or (h, w), uint8 or floating point in [0, 1] (clipped), RGB.
-            Cells are as large as the largest image of their column and row; rows may be of different lengths.
+            Cells are as large as the largest image of their column and row, and as wide as their column's label;
+            rows may be of different lengths.
         row_labels: one text a row, ASCII, written above it.
         column_labels: one text a column, ASCII, written at the top.
         title: text above everything.
@@ -48,10 +49,13 @@ def contact_sheet(
         if labels is not None and len(labels) != wanted:
             raise InputError(f"a contact sheet of {len(images)} x {columns} images got {len(labels)} labels")
     widths = [max(row[c].shape[1] for row in images if c < len(row)) for c in range(columns)]
+    if column_labels is not None:
+        widths = [max(width, _text_width(label)) for width, label in zip(widths, column_labels, strict=True)]
     heights = [max((image.shape[0] for image in row), default=0) for row in images]
     above = _LINE if row_labels else 0
     head = _LINE * (bool(title) + (column_labels is not None))
-    width = max(sum(widths) + gap * (columns + 1), gap * 2 + _text_width(title))
+    across = max(_text_width(text) for text in (title, *(row_labels or ())))
+    width = max(sum(widths) + gap * (columns + 1), gap * 2 + across)
     sheet = np.full((head + sum(heights) + (gap + above) * len(images) + gap, width, 3), _WHITE, np.uint8)
     lefts = [gap + sum(widths[:c]) + gap * c for c in range(columns)]
     if title:

@@ -43,10 +43,33 @@ def test_map_sheet_has_a_row_a_frame_and_a_column_a_map_and_view():
     mask = np.zeros((2, 8, 8), bool)
     mask[:, 2:6, 2:6] = True
     sheet = map_sheet(maps, mask, ("front", "back"), frames=(0, 2))
-    last = sheet[-12:-4, 4 + 3 * 12 : 4 + 3 * 12 + 8]  # the last row's fourth picture
-    assert (last[2:6, 2:6] == [0, 255, 0]).all()
-    assert (last[0] == 255).all()
-    assert sheet.shape == (20 + 2 * (20 + 8 + 4) + 4, 4 * 12 + 4, 3)
+    assert len(sheet) == 20 + 2 * (20 + 8 + 4) + 4
+    green = np.argwhere((sheet == [0, 255, 0]).all(-1))  # of the last row's fourth picture
+    assert len(green) == 16
+    assert (green[:, 0] >= len(sheet) - 12).all()
+    left = 4 + sum(
+        text_width(f"{name}, {view}") + 4 for name, view in [("position", "front"), ("position", "back")]
+    )
+    left += text_width("normal, front") + 4
+    assert green[:, 1].min() == left + 2
+
+
+def text_width(text):
+    return cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)[0][0]
+
+
+def test_no_text_is_cut_off_above_small_images():
+    small = [np.ones((8, 8, 3))] * 2
+    labels = ["front, position", "back, position"]
+    sheet = contact_sheet([small], row_labels=["frame 12: mean over pixels 3.10 mm"], column_labels=labels)
+    wide = contact_sheet([[np.ones((8, 300, 3))]], row_labels=["frame 12: mean over pixels 3.10 mm"])
+    line = sheet[20 + 4 : 40 + 4]
+    assert np.array_equal(line, wide[4 : 4 + 20, : line.shape[1]])
+    assert (wide[:, line.shape[1] :] == 255).all()
+    apart = 4 + text_width(labels[0])  # where the first label ends there is a gap before the second
+    assert (sheet[:20, apart : apart + 4] == 255).all()
+    assert (sheet[:20, :apart] < 128).any()
+    assert (sheet[:20, apart + 4 :] < 128).any()
 
 
 def test_difference_picture_by_hand():
