@@ -116,6 +116,21 @@ def test_the_nearest_rotation_of_several_scales_at_once() -> None:
     assert torch.equal(nearest_rotation(torch.zeros(2, 3, 3)), torch.eye(3).expand(2, 3, 3))
 
 
+@pytest.mark.parametrize(
+    ("dtype", "bound", "rounding"), [(torch.float32, 2e-3, 1e-6), (torch.float64, 1e-11, 1e-14)]
+)
+def test_a_nearly_flat_patch_has_a_rotation_too(dtype: torch.dtype, bound: float, rounding: float) -> None:
+    # A dress's residuals were turned into kilometres by such a patch, which half precision holds as infinite.
+    one, other = (
+        torch.from_numpy(Rotation.from_rotvec(v).as_matrix()) for v in ((0.4, -0.9, 0.2), (-1.1, 0.3, 2))
+    )
+    stretch = torch.tensor([[1.2, 1e-3, 1.2], [1.2, 8e-5, 1.2]], dtype=torch.float64)
+    found = nearest_rotation((one @ stretch.diag_embed() @ other.mT).to(dtype))
+    torch.testing.assert_close(found.double(), (one @ other.mT).expand(2, 3, 3), rtol=0, atol=bound)
+    identity = torch.eye(3, dtype=dtype).expand(2, 3, 3)
+    torch.testing.assert_close(found @ found.mT, identity, rtol=0, atol=rounding)
+
+
 def test_the_gradient_of_the_nearest_rotation_is_that_of_differences() -> None:
     random = torch.Generator().manual_seed(1)
     matrices = torch.eye(3, dtype=torch.float64) + 0.2 * torch.randn(
