@@ -8,8 +8,8 @@ from fusion.solvers.contact import ConstrainedStep
 from fusion.solvers.energy import Energy
 from fusion.solvers.recorder import Recorder, frames_last, lanes_on
 
-# Steps remembered. More lower the energy no further in as many steps, and cost; with fewer, the cloth drifts farther from
-# predicted positions on the way to an energy as low.
+# Steps remembered. More lower the energy no further in as many steps, and cost; with fewer, the cloth drifts farther
+# from predicted positions on the way to an energy as low.
 PAIRS = 3
 # Fraction of the slope along a step by which it must have changed at its end, for the step to be remembered.
 _CURVATURE = 1e-4
