@@ -41,7 +41,7 @@ class FusionConfig(BaseModel):
         description="Of `local_global`, second stage (normals, collision), at most; 0 skips it.",
     )
     edge_tolerance: _Ratio = Field(
-        default=0.02,
+        default=0.006,
         ge=0,
         lt=1,
         description="Of `local_global`, no unit: the first stage is finished when a step lowers the objective by a "

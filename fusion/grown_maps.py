@@ -69,7 +69,7 @@ class GrownMaps:
         trusted = torch.from_numpy(self._trusted).to(positions.device)
         known = given * trusted
         judged = automatic.judge(positions, known)
-        if judged.confidence is None or judged.positions is positions:
+        if judged.confidence is None or judged.confidence is known:
             return JudgedMaps(positions, confidence, judged.findings)
         factor = torch.where(known > 0, judged.confidence / known.clamp(min=1e-30), 1.0)
         both = torch.cat([judged.positions, factor[..., None]], -1)

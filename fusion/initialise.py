@@ -125,7 +125,10 @@ class InitialWeights:
             return Readings(vertices, visible.any(0).expand(len(positions), -1))
         known = (confidence > 0).to(positions)[..., None]
         # One sampling for all: positions, fraction of the reading that is known, confidence.
-        sampled = self._imager.sample(torch.cat([positions * known, known, confidence[..., None]], dim=-1))
+        images = positions.new_empty(*positions.shape[:-1], 5)
+        torch.mul(positions, known, out=images[..., :3])
+        images[..., 3:4], images[..., 4] = known, confidence
+        sampled = self._imager.sample(images)
         fraction = sampled[..., 3]
         usable = visible & (fraction > _KNOWN)
         fraction = torch.where(usable, fraction, 1)

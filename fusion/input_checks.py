@@ -152,9 +152,10 @@ def _checked_images(
 ) -> torch.Tensor:
     """Refuse values beyond a limit where the mask (S, H, W) is; elsewhere all become 0 if any is not finite."""
     _check_shape(name, images, shape)
-    usable = images.abs() <= limit  # NaN is not
-    if bool(usable.all()):
+    least, most = images.aminmax()  # a NaN makes both one; nothing as large as the images is made
+    if -limit <= float(least) and float(most) <= limit:
         return images
+    usable = images.abs() <= limit  # NaN is not
     inside = mask
     if len(shape) == 5:
         usable, inside = usable.all(-1), mask[..., None]

@@ -56,6 +56,7 @@ class MeshBvh:
         self._warp_device = warp.device_from_torch(self.device)
         self._indices = warp.array(faces.astype(np.int32).ravel(), dtype=warp.int32, device=self._warp_device)
         self._meshes: list[Any] = []
+        self._points: list[torch.Tensor] = []  # of the meshes, in their memory
         self._ids: Any = None
         self._batched = False
         self._posed: torch.Tensor | None = None
@@ -102,20 +103,20 @@ class MeshBvh:
 
     def _place(self, frames: torch.Tensor) -> None:
         warp = warp_module()
-        poses = [warp.from_torch(frame, dtype=warp.vec3) for frame in frames]
-        for mesh, pose in zip(self._meshes, poses, strict=False):
-            warp.copy(mesh.points, pose)
+        for mesh, points, pose in zip(self._meshes, self._points, frames, strict=False):
+            points.copy_(pose)
             mesh.refit()
-        if self._ids is not None and len(poses) == len(self._ids):
+        if self._ids is not None and len(frames) == len(self._ids):
             return
         # Those of larger batches stay for the next one.
-        for pose in poses[len(self._meshes) :]:
+        for pose in frames[len(self._meshes) :]:
             # Leaves of 2 faces: queries are 6 % faster than with Warp's 4, and refitting costs as much.
-            points = warp.clone(pose)
+            self._points.append(pose.clone())
+            points = warp.from_torch(self._points[-1], dtype=warp.vec3)
             self._meshes.append(
                 warp.Mesh(points, self._indices, support_winding_number=self._winding, bvh_leaf_size=2)
             )
-        ids = np.array([mesh.id for mesh in self._meshes[: len(poses)]], np.uint64)
+        ids = np.array([mesh.id for mesh in self._meshes[: len(frames)]], np.uint64)
         self._ids = warp.array(ids, dtype=warp.uint64, device=self._warp_device)
 
     def points(self, points: torch.Tensor, frames: torch.Tensor | None = None) -> torch.Tensor:

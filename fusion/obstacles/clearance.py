@@ -21,7 +21,7 @@ _TOUCHING = 5e-4
 # After so many rounds what still crosses is taken for tangled; and rounds for the vertices that are smoothed then.
 _TANGLED, _VERTEX_ROUNDS = 7, 6
 # Rounds in which edges are made shorter at the end, and cloth is put outside again.
-_SHORTENINGS = 8
+_SHORTENINGS = 4
 # Of the search at the end: directions tried at every distance, and in metres the first distance, the ratio of each
 # distance to the one before, and the last one.
 _DIRECTIONS, _NEAREST, _RATIO, _UTMOST = 64, 1e-3, 1.25, 4.0

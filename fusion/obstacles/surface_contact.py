@@ -97,6 +97,9 @@ class SurfaceContact:
     def __init__(self, obstacle: Obstacle, topology: Topology, device: torch.device) -> None:
         self._obstacle = obstacle
         self._mesh = MeshBvh(topology.faces, topology.n_vertices, device=device, name="garment")
+        # Built at rest, and only refitted later: of points as near, which one is found depends on how a tree was built,
+        # and must not depend on the frames that are looked at together.
+        self._mesh.update(topology.rest_vertices)
         self._sides = _Sides(self._mesh)
         self._surfaces = [_Surface(mesh) for mesh in obstacle.surfaces]
 
@@ -162,9 +165,12 @@ class SurfaceContact:
         from fusion.obstacles.surface_kernels import crossed  # noqa: PLC0415 (defining kernels imports warp)
 
         places = [
-            cloth.points.new_tensor([2.0, -1.0]).repeat(len(cloth.points), len(sides.edges), 1)
+            cloth.points.new_empty(2, len(cloth.points), len(sides.edges))
             for sides in (self._sides, surface.sides)
         ]
+        for first, last in places:
+            first.fill_(2)
+            last.fill_(-1)
         surface.mesh.launch_grid(
             crossed,
             (len(cloth.points), len(self._sides.faces)),
@@ -258,9 +264,10 @@ class _Crossed:
 
     @classmethod
     def of(cls, places: torch.Tensor) -> _Crossed:
-        """From what the kernel wrote (A, edges, 2)."""
-        row, edge = (places[..., 1] >= 0).nonzero(as_tuple=True)
-        return cls(row, edge, *places[row, edge].unbind(-1))
+        """From what the kernel wrote (2, A, edges)."""
+        place = (places[1].flatten() >= 0).nonzero()[:, 0]
+        n_edges = places.shape[2]
+        return cls(place // n_edges, place % n_edges, *places.flatten(1)[:, place])
 
 
 class _Sides:

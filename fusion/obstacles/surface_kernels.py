@@ -31,8 +31,8 @@ def note(
     along = float(first / (first - last))
     if turned:
         along = 1.0 - along
-    wp.atomic_min(places, t, edge, 0, along)
-    wp.atomic_max(places, t, edge, 1, along)
+    wp.atomic_min(places, 0, t, edge, along)
+    wp.atomic_max(places, 1, t, edge, along)
 
 
 @wp.func
@@ -63,7 +63,7 @@ def crossed(
 ):
     """Edges of a cloth that pass through faces of a mesh and edges of the mesh through faces of the cloth.
 
-    A thread has one of `frames` and a face of the cloth. `places` (frames, edges, 2) become the first and the last
+    A thread has one of `frames` and a face of the cloth. `places` (2, frames, edges) become the first and the last
     crossing along an edge, which start at 2 and -1. No vertex is nearer to the mesh than its distance. `side_of` has
     for each face of the mesh the edges k from corner k to k + 1, as 2 e, or 2 e + 1 where the edge has them in the
     other order.

@@ -52,8 +52,14 @@ class DistanceTracker:
         self._at = vertices
         self._then = NearDistances(query.distance.to(vertices), query.direction.to(vertices))
 
-    def near(self, vertices: torch.Tensor, within_m: float) -> NearDistances:
-        """Of vertices (T, N, 3), exact where they are at most `within_m` metres away."""
+    def near(
+        self, vertices: torch.Tensor, within_m: float, frames: torch.Tensor | None = None
+    ) -> NearDistances:
+        """Of vertices (T, N, 3), exact where they are at most `within_m` metres away.
+
+        Args:
+            frames: (T,) bool, of which frames that is wanted; nothing is asked about others. None: all, as at first.
+        """
         before, then = self._at, self._then
         if before is None or then is None or before.shape != vertices.shape:
             self.asked += vertices.shape[:-1].numel()
@@ -65,18 +71,24 @@ class DistanceTracker:
         ask, outside = moved > 0, None
         if self.obstacle.lipschitz:
             ask &= at_least <= within_m
-            outside = at_least[ask] > 0
+        if frames is not None:
+            ask &= frames[:, None]
         distance, direction = torch.where(moved > 0, at_least, then.distance), then.direction
-        places = ask.nonzero(as_tuple=True)
-        if len(places[0]):
-            points = vertices[places]
-            query = self.obstacle.query(points, places[0], outside=outside)
+        places = ask.flatten().nonzero()[:, 0]
+        if len(places):
+            points = vertices.reshape(-1, 3).index_select(0, places)
+            if self.obstacle.lipschitz:
+                outside = at_least.flatten().index_select(0, places) > 0
+            query = self.obstacle.query(points, places // vertices.shape[1], outside=outside)
             self.asked += len(points)
-            asked_distance, direction = (
-                query.distance.to(points),
-                direction.index_put(places, query.direction.to(points)),
-            )
-            distance = distance.index_put(places, asked_distance)
-            self._at = before.index_put(places, points)
-            self._then = NearDistances(then.distance.index_put(places, asked_distance), direction)
+            asked_distance = query.distance.to(points)
+            direction = _with_rows(direction, places, query.direction.to(points))
+            distance = _with_rows(distance, places, asked_distance)
+            self._at = _with_rows(before, places, points)
+            self._then = NearDistances(_with_rows(then.distance, places, asked_distance), direction)
         return NearDistances(distance, direction)
+
+
+def _with_rows(values: torch.Tensor, places: torch.Tensor, rows: torch.Tensor) -> torch.Tensor:
+    """A copy of values (T, N, ...) with rows (K, ...) at places (K,), counted on over the frames."""
+    return values.flatten(0, 1).index_copy(0, places, rows).view(values.shape)

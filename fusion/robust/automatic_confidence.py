@@ -81,17 +81,19 @@ class AutomaticConfidence:
         findings = MapFindings(left_out, faults)
         if not judged:
             return JudgedMaps(positions, confidence, findings)
-        positions = positions.clone()
+        if any(result.points is not None for result in judged.values()):
+            positions = positions.clone()
         confidence = torch.ones_like(positions[..., 0]) if confidence is None else confidence.clone()
         for frame, result in judged.items():
-            positions[frame].view(-1, 3)[self._pixels] = torch.from_numpy(result.points).to(positions)
+            if result.points is not None:
+                positions[frame].view(-1, 3)[self._pixels] = torch.from_numpy(result.points).to(positions)
             confidence[frame].view(-1)[self._pixels] *= torch.from_numpy(result.confidence).to(confidence)
         return JudgedMaps(positions, confidence, findings)
 
     def _frame(self, points: np.ndarray, known: np.ndarray | None) -> _JudgedFrame | None:
         """One frame's covered pixels (P, 3), those known (P,); None if nothing in it is to be changed."""
         counts, fits = self._links.fitting(points, known)
-        kept = self._fitting_most(counts, fits)
+        kept = self._fitting_most(counts, fits, all_known=known is None)
         found = self._regions.find(points, counts, fits, kept)
         dropped = ~kept | found.scraps
         if known is not None:
@@ -100,33 +102,34 @@ class AutomaticConfidence:
         if left_out > _MOST_LEFT_OUT or not (left_out or found.faults):
             return None
         confidence = np.where(dropped, 0.0, np.where(found.moved, _BROUGHT_BACK, 1.0))
-        return _JudgedFrame(found.points, confidence, left_out, found.faults)
+        moved = found.points if found.moved.any() else None
+        return _JudgedFrame(moved, confidence, left_out, found.faults)
 
-    def _fitting_most(self, counts: np.ndarray, fits: np.ndarray) -> NDArray[np.bool_]:
-        """(P,) pixels that fit more than half of their neighbours; links (L,) that count, and that fit."""
-        unfit = counts & ~fits
-        neighbours = self._per_pixel(counts)
+    def _fitting_most(
+        self, counts: np.ndarray, fits: np.ndarray, *, all_known: bool = False
+    ) -> NDArray[np.bool_]:
+        """(P,) pixels that fit more than half of their neighbours; links (L,) that count, and that fit.
+
+        `all_known` says that those that count are all that are joined.
+        """
+        links = self._links
+        unfit = np.flatnonzero(counts & ~fits)
+        neighbours = links.joined_per_pixel if all_known else links.per_pixel(counts)
         alone = neighbours == 0
-        kept: NDArray[np.bool_] = (2 * self._per_pixel(unfit) < neighbours) | alone
+        kept: NDArray[np.bool_] = (2 * links.per_pixel(unfit) < neighbours) | alone
         if kept.all():
             return kept
         # A second time, without neighbours that are wrong themselves.
-        neighbours -= self._per_pixel(counts, ~kept)
-        kept = (2 * self._per_pixel(unfit, kept) < neighbours) | alone
+        dropped = ~kept
+        bordering = np.flatnonzero(counts & (dropped[links.first] | dropped[links.second]))
+        neighbours = neighbours - links.per_pixel(bordering, dropped)
+        kept = (2 * links.per_pixel(unfit, kept) < neighbours) | alone
         return kept
-
-    def _per_pixel(self, links: np.ndarray, others: np.ndarray | None = None) -> NDArray[np.int64]:
-        """(P,) how many of some links (L,) bool each pixel has; only those to some other pixels (P,) bool if given."""
-        first, second = self._links.first[links], self._links.second[links]
-        count = np.zeros(len(self._links.pixels), np.int64)
-        for one, other in ((first, second), (second, first)):
-            count += np.bincount(one if others is None else one[others[other]], minlength=len(count))
-        return count
 
 
 @dataclass(frozen=True, eq=False)
 class _JudgedFrame:
-    points: np.ndarray
+    points: np.ndarray | None  # None: as they were
     confidence: np.ndarray
     left_out: float
     faults: list[MapFault]

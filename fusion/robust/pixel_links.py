@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from threading import Lock
 from typing import Any
 
@@ -62,6 +63,7 @@ class PixelLinks:
 
     def __init__(self, imager: TemplateImager, rest: Mesh, device: torch.device) -> None:
         self._imager, self._device = imager, device
+        self._points: list[tuple[Mesh, NDArray[np.float64]]] = []  # of meshes that were asked about
         self.pixels = np.flatnonzero(imager.raster.mask)
         first, second, direction = _neighbours(imager.raster.mask)
         apart = self._apart(imager.mesh, first, second)
@@ -77,6 +79,11 @@ class PixelLinks:
         )
         rows, columns = (np.asarray(imager.raster.mask.any(axis=axes)) for axes in ((0, 2), (0, 1)))
         self._crop = (slice(None), _extent(rows), _extent(columns))  # of images: what any view covers
+        # Squares of the steps between which all fit, in maps that are not noisy.
+        self._squares = tuple(
+            np.square(limit).astype(np.float32)
+            for limit in (_COLLAPSED * self.length, _STRETCH * self.length + self.slack)
+        )
         # Squared longest steps along rows and columns of the crop, infinite where there is no link.
         self._limits = self._limit_images(np.ones(len(self.first), bool))
         self._joined: NDArray[np.bool_] | None = None
@@ -125,11 +132,12 @@ class PixelLinks:
         sample = self.sample[counts[self.sample]]
         off = np.abs(_steps(points, self.first[sample], self.second[sample]) - self.length[sample])
         slack = max(self.slack, _NOISE * _median(off))
-        steps = _steps(points, self.first, self.second)
-        fits = counts & (steps < _STRETCH * self.length + slack)
-        if slack == self.slack:  # in a noisy map, two pixels may have one value by chance
-            fits &= steps > _COLLAPSED * self.length
-        return counts, fits
+        steps = _squared_steps(points, self.first, self.second)
+        if slack == self.slack:
+            shortest, longest = self._squares
+            return counts, counts & (steps < longest) & (steps > shortest)
+        # In a noisy map, two pixels may have one value by chance.
+        return counts, counts & (steps < (_STRETCH * self.length + slack) ** 2)
 
     def scale(self, points: np.ndarray, links: np.ndarray | None = None) -> float:
         """Median of a map's steps over the template's; 1 of none.
@@ -141,6 +149,23 @@ class PixelLinks:
         chosen = self.sample[self.joined[self.sample]] if links is None else np.flatnonzero(links)
         steps = _steps(points, self.first[chosen], self.second[chosen])
         return _median(steps / self.length[chosen].clip(min=1e-12)) if len(chosen) else 1.0
+
+    def per_pixel(self, links: np.ndarray, others: np.ndarray | None = None) -> NDArray[np.int64]:
+        """(P,) how many of some links each pixel has; only those to some other pixels (P,) bool if given.
+
+        Args:
+            links: (L,) bool, or the numbers of a few.
+        """
+        first, second = self.first[links], self.second[links]
+        count = np.zeros(len(self.pixels), np.int64)
+        for one, other in ((first, second), (second, first)):
+            count += np.bincount(one if others is None else one[others[other]], minlength=len(count))
+        return count
+
+    @cached_property
+    def joined_per_pixel(self) -> NDArray[np.int64]:
+        """(P,) how many links that are `joined` each pixel has."""
+        return self.per_pixel(self.joined)
 
     @property
     def joined(self) -> NDArray[np.bool_]:
@@ -169,19 +194,30 @@ class PixelLinks:
 
     def points_of(self, mesh: Mesh) -> NDArray[np.float64]:
         """(P, 3) metres, the point of a mesh that each covered pixel shows; its faces are the template's."""
+        for known, points in self._points:
+            if known is mesh:
+                return points
         vertices = torch.from_numpy(np.asarray(mesh.vertices, np.float64))
-        points: NDArray[np.float64] = self._imager.operator(vertices).reshape(-1, 3).numpy()[self.pixels]
+        points = self._imager.operator(vertices).reshape(-1, 3).numpy()[self.pixels]
+        self._points.append((mesh, points))
         return points
 
 
 def _steps(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> NDArray[Any]:
     """(L,) metres between points (P, 3), in their dtype."""
-    squared: NDArray[Any] = np.zeros(len(first), points.dtype)
-    for component in points.T:
-        step = component[second] - component[first]
-        squared += step * step
-    steps: NDArray[Any] = np.sqrt(squared)
+    steps: NDArray[Any] = np.sqrt(_squared_steps(points, first, second))
     return steps
+
+
+def _squared_steps(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> NDArray[Any]:
+    """(L,) square metres between points (P, 3), in their dtype."""
+    squared: NDArray[Any] = np.zeros(len(first), points.dtype)
+    for component in np.ascontiguousarray(points.T):
+        step = component.take(second)  # faster than by index
+        step -= component.take(first)
+        step *= step
+        squared += step
+    return squared
 
 
 def _neighbours(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -109,13 +109,14 @@ class Regions:
             (2 K, 2) neighbouring pixels of different parts, each pair both ways; (P,) the number of each pixel's part.
         """
         first, second = self._links.first, self._links.second
-        together, apart = links & fits, links & ~fits
+        apart = np.flatnonzero(links & ~fits)
         # Most pixels that lie too far apart hang together by others close by; only then all are looked at.
         near = self._near(first[apart])
-        for some in (together & near[first] & near[second], together):
-            part = self._parts(some)
-            torn = apart & (part[first] != part[second])
-            if not torn.any():
+        close = np.flatnonzero(near[first] & near[second])
+        for some in (close[links[close] & fits[close]], None):
+            part = self._parts(np.flatnonzero(links & fits) if some is None else some)
+            torn = apart[part[first[apart]] != part[second[apart]]]
+            if not len(torn):
                 break
         pairs = np.stack([first[torn], second[torn]], axis=1)
         return np.concatenate([pairs, pairs[:, ::-1]]), part
@@ -169,7 +170,7 @@ class Regions:
         return faults
 
     def _parts(self, links: np.ndarray) -> NDArray[np.int64]:
-        """(P,) which pixels are connected by some of the links (L,) bool: a number a part."""
+        """(P,) which pixels some links connect, (L,) bool or their numbers in order: a number a part."""
         n = len(self._view)
         starts = np.concatenate([[0], np.cumsum(np.bincount(self._links.first[links], minlength=n))])
         ends = self._links.second[links]

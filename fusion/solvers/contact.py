@@ -19,16 +19,17 @@ _FAR = 1.0  # metres: an obstacle is said to be so far from vertices that wait f
 _TOUCHING = 1e-5  # metres: a vertex nearer to its plane than this touches it
 # Metres above the margin beyond which a vertex may keep an older plane, moved to where the obstacle can at most be: it
 # hardly moves as far before the next query.
-_REACHED = 0.006
+_REACHED = 0.003
 
 
 class Contact:
     """An obstacle that is asked for only every few steps.
 
     In between, the surface below each vertex is its tangent plane; within the few millimetres that a vertex moves,
-    that is as good. From the second query on, where the cloth between vertices is in the obstacle although they are
-    not, their planes are raised, for the clean-up to do what is left; at the first one, most of such cloth comes out
-    with its vertices. Vertices so deep that the way out would tear them from the cloth around them have no plane until
+    that is as good. At the second query, where the cloth between vertices is in the obstacle although they are not,
+    their planes are raised, and stay so, for the clean-up to do what is left: looking again at every query costs more
+    than all else of it and leaves no less. At the first one, most of such cloth comes out with its vertices. Vertices
+    so deep that the way out would tear them from the cloth around them have no plane until
     the second query; that cloth pulls them out on its side.
 
     Args:
@@ -59,6 +60,7 @@ class Contact:
     ) -> None:
         self._tracker, self._margin, self._every = tracker_of(obstacle), margin_m, every_steps
         self._surface, self._topology, self._asked = surface, topology, False
+        self._raised: torch.Tensor | None = None  # (T, N) metres by which planes are
         self._loose = like.new_ones(like.shape[1], dtype=torch.bool) if loose is None else loose
         self.normal = frames_last(*like.shape, like=like)
         self.offset = frames_last(*like.shape[:2], like=like)
@@ -68,22 +70,31 @@ class Contact:
         """Whether it is time for a query."""
         return step % self._every == 0
 
-    def update_planes(self, vertices: torch.Tensor) -> None:
-        """Take new planes at vertices (T, N, 3)."""
+    def update_planes(self, vertices: torch.Tensor, going: torch.Tensor | None = None) -> None:
+        """Take new planes at vertices (T, N, 3).
+
+        Args:
+            going: (T,) bool, frames that are not finished; the planes of others mean nothing afterwards. They are not
+                asked about, so that what is known of a frame does not depend on those beside it. None: all.
+        """
         # Obstacles want the numbers of a vertex side by side, not those of a group of frames.
         vertices = vertices.contiguous()
-        near = self._tracker.near(vertices, self._margin + _REACHED)
+        near = self._tracker.near(vertices, self._margin + _REACHED, going)
         distance, normal = near.distance, near.direction
-        self.depth = collision_loss(distance, margin_m=self._margin)
+        depth = collision_loss(distance, margin_m=self._margin)
+        self.depth = depth if going is None else torch.where(going, depth, self.depth)
         lift = (self._margin - distance).clamp(min=0) * self._loose
         if self._topology is not None and not self._asked:
             waiting = torn_away(vertices, lift[..., None] * normal, self._topology)
             normal, lift = normal * ~waiting[..., None], lift * ~waiting
             distance = torch.where(waiting, _FAR, distance)
         self.normal.copy_(normal)
-        self.offset.copy_((self.normal * vertices).sum(-1) + (self._margin - distance))
+        self.offset.copy_(_dot(normal, vertices) + (self._margin - distance))
         if self._surface is not None and self._asked:
-            self._raise_planes(self._surface, vertices + lift[..., None] * normal, distance + lift)
+            if self._raised is None:
+                lifted = vertices + lift[..., None] * normal
+                self._raised = self._heights(self._surface, lifted, distance + lift)
+            self.offset += self._raised
         self._asked = True
 
     def measure(self, vertices: torch.Tensor) -> None:
@@ -91,18 +102,27 @@ class Contact:
         near = self._tracker.near(vertices.contiguous(), self._margin)
         self.depth = collision_loss(near.distance, margin_m=self._margin)
 
-    def _raise_planes(self, surface: SurfaceContact, vertices: torch.Tensor, distance: torch.Tensor) -> None:
-        """Raise planes so that the cloth between vertices (T, N, 3) that are on or above them is outside.
+    def _heights(
+        self, surface: SurfaceContact, vertices: torch.Tensor, distance: torch.Tensor
+    ) -> torch.Tensor:
+        """(T, N) metres by which planes are to be raised so that the cloth between vertices (T, N, 3) that are on or
+        above them is outside.
 
         To where it is, whatever heights the vertices around have, if it is so far from the obstacle as they all are;
         but no vertex higher than the least move that brings it out.
         """
         contacts = surface.find(vertices, distance)
         if contacts is None:
-            return
+            return torch.zeros_like(distance)
         step = contacts.lifts(vertices, self._loose, torch.zeros_like(vertices))
-        height = torch.minimum(contacts.even_heights(distance), distance + (step * self.normal).sum(-1))
-        self.offset += (height - self._margin).clamp(min=0) * self._loose
+        height = torch.minimum(contacts.even_heights(distance), distance + _dot(step, self.normal))
+        return (height - self._margin).clamp(min=0) * self._loose
+
+
+def _dot(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+    """(T, N) products of vectors (T, N, 3), summed in one order, where torch's own depends on T and on the strides."""
+    x, y, z = (first * second).unbind(-1)
+    return x + y + z
 
 
 class ConstrainedStep:
@@ -119,15 +139,18 @@ class ConstrainedStep:
         direction: (T, N, 3), along which.
         length: (T,), how far.
         gradient: (T, N, 3), the energy's at `vertices`.
+        open_gradient: (T, N, 3), made by `project_gradient`.
     """
 
     def __init__(self, energy: Energy, loose: torch.Tensor | None, contact: Contact | None) -> None:
         like = energy.vertices
-        self.vertices, self.gradient, self.direction = (frames_last(*like.shape, like=like) for _ in range(3))
+        self.vertices, self.gradient, self.direction, self.open_gradient = (
+            frames_last(*like.shape, like=like) for _ in range(4)
+        )
         self.length = frames_last(len(like), like=like)
         self.length.fill_(1)
         count = like.shape[1]
-        self._project, self._advance = (Recorder(like, energy.busy) for _ in range(2))
+        self._project, self._project_gradient, self._advance = (Recorder(like, energy.busy) for _ in range(3))
         self._unconstrained = contact is None and loose is None
         record = self._project
         vertices, direction = record.frames(self.vertices), record.frames(self.direction)
@@ -137,6 +160,10 @@ class ConstrainedStep:
         planes.append(None if loose is None else record.ints(loose))
         gradient = record.frames(self.gradient)
         record("project", count, vertices, gradient, *planes, _TOUCHING, direction, direction)
+        open_gradient = record.frames(self.open_gradient)
+        self._project_gradient(
+            "project", count, vertices, gradient, *planes, _TOUCHING, gradient, open_gradient
+        )
         moving, length = record.frames(energy.active), record.frames(self.length)
         self._advance(
             "advance", count, moving, vertices, direction, length, *planes, record.frames(energy.vertices)
@@ -147,6 +174,10 @@ class ConstrainedStep:
         if not self._unconstrained:
             self._project.run()
         return self.direction
+
+    def project_gradient(self) -> None:
+        """Let `open_gradient` be what is left of `gradient` without what is not open."""
+        self._project_gradient.run()
 
     def advance(self) -> None:
         """Put the energy's vertices where the step leads, and out of the obstacle."""

@@ -8,7 +8,9 @@ from fusion.solvers.contact import ConstrainedStep
 from fusion.solvers.energy import Energy
 from fusion.solvers.recorder import Recorder, frames_last, lanes_on
 
-PAIRS = 2  # steps remembered; more lower the energy no further in as many steps, and cost
+# Steps remembered. More lower the energy no further in as many steps, and cost; with fewer, the cloth drifts farther
+# from predicted positions on the way to an energy as low.
+PAIRS = 3
 # Fraction of the slope along a step by which it must have changed at its end, for the step to be remembered.
 _CURVATURE = 1e-4
 _BLOCK = 32  # vertices whose products are summed by one thread
@@ -17,23 +19,23 @@ _BLOCK = 32  # vertices whose products are summed by one thread
 class StepMemory:
     """The last steps s and changes of gradient y, and the inverse Hessian that they suggest.
 
-    In turn: write `gradient`, `prepare`, solve the system, `lead`, and, when the energy has been evaluated where the
-    step ended, `add`.
+    In turn: `project_gradient` of the step, `prepare`, solve the system, `lead`, and, when the energy has been
+    evaluated where the step ended, `add`.
 
     Args:
         energy: of T frames.
-        step: its `direction` is what `lead` makes; its `vertices` and `gradient` are where the step begins, and, after
-            `add`, where it ended.
+        step: its `direction` is what `lead` makes, which is to descend its `open_gradient`; its `vertices` and
+            `gradient` are where the step begins, and, after `add`, where it ended.
 
     Attributes:
-        gradient: (T, N, 3), what the next step is to descend.
         right, solution: (T, N, 3), what the system is to be solved for, and its solution.
     """
 
     def __init__(self, energy: Energy, step: ConstrainedStep) -> None:
         like, self._step = energy.vertices, step
         frames, count, _ = like.shape
-        self.gradient, self.right, self.solution = (frames_last(*like.shape, like=like) for _ in range(3))
+        self.right, self.solution = (frames_last(*like.shape, like=like) for _ in range(2))
+        gradient = step.open_gradient  # and, once it has been used, how the gradient changes
         self._steps, self._changes = (frames_last(frames, PAIRS, count, 3, like=like) for _ in range(2))
         self._factors = frames_last(frames, PAIRS, like=like)
         self._order: list[int] = []  # pairs by where they are kept, oldest first
@@ -43,16 +45,16 @@ class StepMemory:
         self._products = {
             name: _Products(energy, many, one)
             for name, (many, one) in {
-                "steps, gradient": (self._steps, self.gradient),
+                "steps, gradient": (self._steps, gradient),
                 "changes, solution": (self._changes, self.solution),
-                "direction, gradient": (step.direction[:, None], self.gradient),
+                "direction, gradient": (step.direction[:, None], gradient),
             }.items()
         }
         self._make_right, self._make_direction, self._remember = (
             Recorder(like, energy.busy) for _ in range(3)
         )
         for record, scale, base, others, made in (
-            (self._make_right, 1.0, self.gradient, self._changes, self.right),
+            (self._make_right, 1.0, gradient, self._changes, self.right),
             (self._make_direction, -1.0, self.solution, self._steps, step.direction),
         ):
             factors, several = record.frames(self._factors), record.frames(others)
@@ -60,7 +62,7 @@ class StepMemory:
         record = self._remember
         for tensors in (
             (energy.vertices, step.vertices, self.right, self._steps),
-            (energy.gradient, step.gradient, self.gradient, self._changes),
+            (energy.gradient, step.gradient, gradient, self._changes),
         ):
             record("differ", count, record.ints(self._place), *map(record.frames, tensors))
         self._record_loops(energy, step)

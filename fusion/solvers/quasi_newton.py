@@ -116,7 +116,7 @@ class _Run:
     def _restart(self) -> torch.Tensor:
         """Ask where the obstacle is, leave it, and evaluate there; frames that are finished stay as they are."""
         if self._contact is not None:
-            self._contact.update_planes(self._constrained.vertices)
+            self._contact.update_planes(self._constrained.vertices, self._going)
         self._constrained.length.zero_()
         self._energy.activate(self._going)
         self._constrained.advance()
@@ -130,8 +130,7 @@ class _Run:
         """One step of all problems that are still going; the terms after it."""
         constrained, energy = self._constrained, self._energy
         energy.activate(self._going)
-        constrained.direction.copy_(constrained.gradient)
-        self._memory.gradient.copy_(constrained.project())
+        constrained.project_gradient()
         self._memory.prepare()
         self._solve()
         self._memory.lead()

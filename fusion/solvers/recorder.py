@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import ChainMap
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,6 +24,18 @@ def frames_last(*shape: int, like: torch.Tensor) -> torch.Tensor:
     return buffer.movedim(-1, 0)[:frames]
 
 
+@cache
+def _kernels(bits: int, lanes: int) -> SimpleNamespace:
+    """All kernels for float32 or float64 (`bits` 32 or 64) and groups of so many frames."""
+    # Defining kernels imports warp.
+    from fusion.solvers.descent_kernels import descent_kernels  # noqa: PLC0415
+    from fusion.solvers.energy_kernels import kernels  # noqa: PLC0415
+    from fusion.solvers.sum_kernels import sum_kernels  # noqa: PLC0415
+
+    made = (each(bits, lanes) for each in (kernels, descent_kernels, sum_kernels))
+    return SimpleNamespace(**ChainMap(*map(vars, made)))
+
+
 def lanes_on(device: torch.device) -> int:
     """How many frames lie side by side."""
     return _LANES if device.type == "cpu" else 1
@@ -37,15 +50,9 @@ class Recorder:
     """
 
     def __init__(self, like: torch.Tensor, busy: torch.Tensor) -> None:
-        # Defining kernels imports warp.
-        from fusion.solvers.descent_kernels import descent_kernels  # noqa: PLC0415
-        from fusion.solvers.energy_kernels import kernels  # noqa: PLC0415
-        from fusion.solvers.sum_kernels import sum_kernels  # noqa: PLC0415
-
         self._warp, self._like, self._groups = warp_module(), like, len(busy)
         bits, self._lanes = (64 if like.dtype == torch.float64 else 32), lanes_on(like.device)
-        made = (each(bits, self._lanes) for each in (kernels, descent_kernels, sum_kernels))
-        self._kernels = SimpleNamespace(**ChainMap(*map(vars, made)))
+        self._kernels = _kernels(bits, self._lanes)
         self._real = self._warp.float64 if bits == 64 else self._warp.float32
         self._lane = self._warp.types.vector(self._lanes, self._real)
         self._busy = self.ints(busy)

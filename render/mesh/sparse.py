@@ -78,6 +78,12 @@ class _Matrix:
     """
 
     def __init__(self, entries: scipy.sparse.csr_matrix, device: torch.device, dtype: torch.dtype) -> None:
+        #: (U,) int64, the only columns with entries, where most have none: `times` takes these rows of the dense factor
+        #: alone. A picture's pixels are several times those that its readings look at. None: all.
+        self.used: torch.Tensor | None = None
+        used = np.unique(entries.indices)
+        if 0 < 2 * len(used) < entries.shape[1]:
+            self.used, entries = torch.from_numpy(used.astype(np.int64)).to(device), entries[:, used]
         csr = _csr(entries).to(device=device, dtype=dtype)
         self.shape = csr.shape
         self._csr: torch.Tensor | scipy.sparse.csr_matrix | None = None
@@ -87,7 +93,7 @@ class _Matrix:
         self._values = csr.values()
 
     def times(self, dense: torch.Tensor) -> torch.Tensor:
-        """(columns, C) to (rows, C)."""
+        """(columns or U, C) to (rows, C)."""
         if isinstance(self._csr, torch.Tensor):
             return self._csr @ dense
         if self._csr is not None:
@@ -149,6 +155,8 @@ def _frames_product(dense: torch.Tensor, matrix: _Matrix) -> torch.Tensor:
     One product whose columns are all frames' channels, whose result lies in memory as (rows, T, C); but large
     frames on a CPU one after the other, straight to their places, which spares turning megabytes round.
     """
+    if matrix.used is not None and dense.numel():
+        dense = dense.index_select(1, matrix.used)
     frames, columns, channels = dense.shape
     rows = matrix.shape[0]
     if frames <= 1:

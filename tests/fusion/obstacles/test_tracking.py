@@ -38,6 +38,19 @@ def test_only_vertices_that_can_have_come_near_are_asked_about_again():
     assert space.queries[-1].shape == (1, 3, 3)
 
 
+def test_nothing_is_asked_about_frames_that_are_not_wanted():
+    """Both have come down by 1 m; what is known of the second is as if it had not been looked at."""
+    space = HalfSpace()
+    tracker = DistanceTracker(space)
+    above, below = torch.cat([heights(1.5)] * 2), torch.cat([heights(0.5)] * 2)
+    tracker.near(above, 1.0)
+    found = tracker.near(below, 1.0, torch.tensor([True, False])).distance
+    assert (tracker.asked, found[0].item()) == (3, 0.5)
+    assert found[1].item() == pytest.approx(0.5, abs=1e-5)
+    assert tracker.near(above, 1.0, torch.tensor([False, True])).distance[1].item() == 1.5
+    assert tracker.asked == 3
+
+
 def test_another_number_of_vertices_is_asked_about_whole():
     space = HalfSpace()
     tracker = DistanceTracker(space)

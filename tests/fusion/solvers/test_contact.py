@@ -51,9 +51,9 @@ def test_it_is_time_for_a_query_at_every_so_many_steps():
     assert [step for step in range(10) if contact.due(step)] == [0, 4, 8]
 
 
-def test_the_cloth_between_vertices_is_looked_at_from_the_second_query_on():
+def test_the_cloth_between_vertices_is_looked_at_in_the_second_query_and_stays_raised():
     """The triangle's middle is in the ground by a millimetre, its corners are not: at the second query they
-    rise by as much."""
+    rise by as much, and keep it at the third, where nothing is looked at."""
 
     class Middle:
         def __init__(self):
@@ -70,6 +70,9 @@ def test_the_cloth_between_vertices_is_looked_at_from_the_second_query_on():
     contact.update_planes(at(0.0, 0.0, 0.0))
     assert (surface.calls, contact.offset.tolist()) == (0, [[0.0] * 3])
     contact.update_planes(at(0.0, 0.0, 0.0))
+    assert surface.calls == 1
+    np.testing.assert_allclose(contact.offset, [[1e-3] * 3])
+    contact.update_planes(at(0.5, 0.5, 0.5))
     assert surface.calls == 1
     np.testing.assert_allclose(contact.offset, [[1e-3] * 3])
 
