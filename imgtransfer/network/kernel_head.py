@@ -16,7 +16,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from imgtransfer.network.head_patches import Patches
+from imgtransfer.network.head_patches import Patches, mirrored_pixels
+from imgtransfer.network.local_view import mirrored_features
 from imgtransfer.network.maps import BodyMaps
 
 EARLIER = 0.12  # weight of what was another at earlier times, beside what is now: chosen by leaving clips out
@@ -46,6 +47,7 @@ class KernelHead(nn.Module):
     position_basis: Tensor
     _silhouette: Tensor
     _tokens: Tensor
+    _other: Tensor
     normal_basis: Tensor
 
     def __init__(self, patches: Patches, mask: Tensor, sizes: HeadSizes) -> None:
@@ -56,17 +58,25 @@ class KernelHead(nn.Module):
         # Made again from the template, so not stored.
         self.register_buffer("_silhouette", mask.flatten().nonzero()[:, 0], persistent=False)
         self.register_buffer("_tokens", torch.from_numpy(patches.tokens), persistent=False)
+        self.register_buffer(
+            "_other", torch.from_numpy(mirrored_pixels(mask.cpu().numpy())), persistent=False
+        )
         self._views = mask.shape
         self._rows = [int(start) for start in np.cumsum([0, *map(len, patches.pixels)])]
 
     def forward(
-        self, local: Tensor, values: Callable[[Tensor], Tensor] | None = None
+        self,
+        local: Tensor,
+        *,
+        values: Callable[[Tensor], Tensor] | None = None,
+        mirrored: bool = False,
     ) -> tuple[Tensor, Tensor]:
         """The residuals of B frames.
 
         Args:
             local: (B, S, rows, columns, K + 1, L, 3), what `LocalView` tells of them.
             values: (P, B, M) kernel -> (P, B, R), such as of a head that has not seen these frames; this one's if None.
+            mirrored: whether to take the mean with what is predicted for the mirrored scene, mirrored back.
 
         Returns:
             of positions (metres) and of normals, (B, S, H, W, 3) each, in the first guess's axes; 0 off the silhouette.
@@ -74,8 +84,21 @@ class KernelHead(nn.Module):
         # Samples that lie near each other differ by less than bfloat16 tells apart, and large weights of either sign
         # nearly cancel: rounded products put validation clips of T-shirts 1.7 mm farther off.
         with torch.autocast(local.device.type, enabled=False):
-            kernel = self.kernel(self.features(head_features(local.float(), self._tokens)))
-            return self._images((values or self.values)(kernel))
+            pixels = self._predicted(local.float(), values)
+            if mirrored:
+                other = self._predicted(mirrored_features(local.float()), values)
+                pixels = (pixels + self.mirrored(other)) / 2
+            return self._images(pixels)
+
+    def mirrored(self, pixels: Tensor) -> Tensor:
+        """Residuals (B, L, 6) of positions and of normals -> those of the mirrored scene."""
+        return pixels[:, self._other] * pixels.new_tensor([-1.0, 1.0, 1.0]).repeat(2)
+
+    def _predicted(self, local: Tensor, values: Callable[[Tensor], Tensor] | None) -> Tensor:
+        """(B, L, 6), the residuals without what `forward` makes of the mirrored scene."""
+        return self._pixels(
+            (values or self.values)(self.kernel(self.features(head_features(local, self._tokens))))
+        )
 
     def features(self, features: Tensor) -> Tensor:
         """(B, P, F) -> (P, B, D): in the principal directions."""
@@ -108,7 +131,8 @@ class KernelHead(nn.Module):
         """The rows of the bases that are a patch's."""
         return slice(self._rows[number], self._rows[number + 1])
 
-    def _images(self, values: Tensor) -> tuple[Tensor, Tensor]:
+    def _pixels(self, values: Tensor) -> Tensor:
+        """(P, B, R) -> (B, L, 6)."""
         count, positions = values.shape[1], self.sizes.position_images
         pixels = self.base.expand(count, -1, -1).clone()
         for number, at in enumerate(self.patches.pixels):
@@ -122,7 +146,10 @@ class KernelHead(nn.Module):
             )
             blend = torch.from_numpy(self.patches.blend[number]).to(pixels.device)[:, None]
             pixels[:, torch.from_numpy(at).to(pixels.device)] += added * blend
-        images = pixels.new_zeros(count, int(np.prod(self._views)), 6)
+        return pixels
+
+    def _images(self, pixels: Tensor) -> tuple[Tensor, Tensor]:
+        images = pixels.new_zeros(len(pixels), int(np.prod(self._views)), 6)
         images[:, self._silhouette] = pixels
         first, second = images.unflatten(1, self._views).split(3, dim=-1)
         return first.contiguous(), second.contiguous()
@@ -208,12 +235,18 @@ def head_features(local: Tensor, tokens: Tensor) -> Tensor:
     return torch.cat([own[..., :1, :], EARLIER * own[..., 1:, :]], dim=-2).flatten(2)
 
 
-def corrected(head: KernelHead, body: BodyMaps, values: Callable[[Tensor], Tensor] | None = None) -> BodyMaps:
-    """`body` with the residuals that a head predicts added to the first guess; `values` of `KernelHead.forward`."""
+def corrected(
+    head: KernelHead,
+    body: BodyMaps,
+    *,
+    values: Callable[[Tensor], Tensor] | None = None,
+    mirrored: bool = False,
+) -> BodyMaps:
+    """`body` with the residuals that a head predicts added to the first guess; the rest as of `KernelHead.forward`."""
     guess, local = body.guess, body.local
     assert guess is not None  # the configuration sees to both
     assert local is not None
-    positions, normals = head(local, values)
+    positions, normals = head(local, values=values, mirrored=mirrored)
     better = replace(
         guess,
         positions=guess.positions + guess.turn(positions),

@@ -183,7 +183,8 @@ class TransferModel(nn.Module):
 
     def guessed(self, body: BodyMaps, values: Callable[[Tensor], Tensor] | None = None) -> BodyMaps:
         """Maps of posed bodies with the head's first guess, if there is one; `values` of `KernelHead.forward`."""
-        return body if self.head is None else corrected(self.head, body, values)
+        average = self.mirrored_average
+        return body if self.head is None else corrected(self.head, body, values=values, mirrored=average)
 
     def calibrate(self, typical: Sequence[tuple[BodyMaps, Garment]]) -> None:
         """Let parts that need it take their statistics from maps of typical frames, of each outfit with its template.

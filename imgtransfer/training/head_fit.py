@@ -30,6 +30,8 @@ from render.errors import said_by
 MOST_FRAMES = 8192  # that are fitted to, evenly spread; each takes some 10 kB
 TYPICAL_FRAMES = 128  # that principal directions and images are found from
 AXES, POSITION_IMAGES, NORMAL_IMAGES = 64, 16, 8  # more do not lower the error of left-out clips
+# Of the kernel's length that the few samples of the choice bear, where all are fitted: chosen by leaving clips out.
+SHORTER = 0.5
 GROUPS = 5  # of clips, each left out once
 _BATCH = 16
 _STEPS_BACK = 4
@@ -127,7 +129,7 @@ class HeadFit:
         first = 0
         for number, pixels in enumerate(self._patches.pixels):
             own = features[:, number] - head.mean[number]
-            head.width[number] = typical_width(own.double().cpu().numpy(), self._config.smoothness)
+            head.width[number] = typical_width(own.double().cpu().numpy(), self._length)
             head.axes[number] = _as_stored(factors * principal(own * factors[:, 0], sizes.axes))
             at = torch.from_numpy(pixels).to(residuals.device)
             left = residuals[:, at] - head.base[at]
@@ -135,6 +137,11 @@ class HeadFit:
             for basis, part in ((head.position_basis, left[..., :3]), (head.normal_basis, left[..., 3:])):
                 basis[rows] = principal(part.flatten(1), basis.shape[-1]).unflatten(0, (-1, 3))
         return head, choice
+
+    @property
+    def _length(self) -> float:
+        """Of the kernel, in typical distances between samples."""
+        return self._config.smoothness * (SHORTER if self._config.choice_steps else 1)
 
     def _choice(self, features: Tensor, wanted: Tensor, predicted: Tensor, group: np.ndarray) -> Choice:
         """How much features, regularisation and networks count; positions and normals weigh alike."""

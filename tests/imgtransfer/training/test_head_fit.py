@@ -14,6 +14,7 @@ from imgtransfer.cli.main import main
 from imgtransfer.config.loader import load_config, parse_config, to_yaml
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.network.base import Guess
+from imgtransfer.network.local_view import mirrored_features
 from imgtransfer.network.maps import BodyMaps, ImagePair
 from imgtransfer.training.checkpoint import load_model, read_tensors, save_model, write_tensors
 from imgtransfer.training.config import RunConfig
@@ -218,6 +219,48 @@ def test_what_it_predicts_is_fused(clips: Path, alone: Path, tmp_path: Path) -> 
     assert main(["predict", str(alone), str(clips / "first.npz"), "--out", str(tmp_path / "out")]) == 0
     assert main(["fuse", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "first" / "fused.npz").exists()
+
+
+def test_the_mirrored_average_is_the_mean_with_what_the_mirrored_scene_gets(fitted: Trainer) -> None:
+    head, local = fitted.model.head, fitted.batch(fitted.train_frames, torch.arange(3))[0].local
+    assert head is not None
+    assert local is not None
+    sign = torch.tensor([-1.0, 1.0, 1.0])
+    mask = fitted.model.mask
+    both = mask & mask.flip(-1)  # elsewhere the nearest pixel of the mirror image counts
+    parts = head(local), head(mirrored_features(local)), head(local, mirrored=True)
+    for plain, other, mean in zip(*parts, strict=True):
+        assert (other - plain).abs().max() > 1e-3
+        expected = (plain + other.flip(3) * sign) / 2
+        torch.testing.assert_close(mean[:, both], expected[:, both], rtol=0, atol=1e-5)
+
+
+def test_a_model_that_averages_gets_the_mirrored_guess_for_the_mirrored_body(clips: Path) -> None:
+    trainer = Trainer(head_config(clips, mirror=True))
+    trainer.fit_head()
+    model, body = trainer.model, trainer.batch(trainer.validation_frames, torch.arange(3))[0]
+    head = model.head
+    assert head is not None
+    assert body.local is not None
+    assert body.guess is not None
+    averaged = head(body.local, mirrored=True)[0]
+    other = head(mirrored_features(body.local), mirrored=True)[0].flip(3) * torch.tensor([-1.0, 1.0, 1.0])
+    both = model.mask & model.mask.flip(-1)
+    torch.testing.assert_close(other[:, both], averaged[:, both], rtol=0, atol=1e-4)
+    model.mirrored_average = False
+    alone = trainer.batch(trainer.validation_frames, torch.arange(3))[0].guess
+    assert alone is not None
+    moved = (body.guess.positions - alone.positions)[:, model.mask]
+    expected = (averaged - head(body.local)[0])[:, model.mask]
+    torch.testing.assert_close(moved.norm(dim=-1), expected.norm(dim=-1), rtol=0.02, atol=1e-4)
+
+
+def test_all_frames_bear_half_the_length_that_the_choice_begins_with(fitted: Trainer, clips: Path) -> None:
+    unchosen = Trainer(head_config(clips, head={"choice_steps": 0}))
+    unchosen.fit_head()
+    assert fitted.model.head is not None
+    assert unchosen.model.head is not None
+    torch.testing.assert_close(unchosen.model.head.width, 4 * fitted.model.head.width)
 
 
 def test_directions_by_hand() -> None:
