@@ -80,7 +80,11 @@ class HeadConfig(Section):
         "frames count in the fit. Memory and the model file grow with it.",
     )
     smoothness: Ratio = Field(
-        4.0, gt=0, le=100, description="Length of the kernel, in typical distances between frames."
+        4.0,
+        gt=0,
+        le=100,
+        description="Length of the kernel, in typical distances between frames; the fit of all frames takes half of it "
+        "where `choice_steps` is above 0.",
     )
     ridge: Ratio = Field(3e-3, gt=0, le=1e6, description="Strength of the regularisation.")
     choice_steps: int = Field(
