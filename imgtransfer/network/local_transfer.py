@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from imgtransfer.network.config import NetworkConfig
 from imgtransfer.network.local_view import FEATURES, TEMPLATE_CHANNELS, TemplateView
+from imgtransfer.network.patch_embedding import PatchEmbedding
 from imgtransfer.network.places import PLACES
 from imgtransfer.network.refinement import RefinementBlock
 from imgtransfer.network.vit import VitBlock
@@ -33,13 +34,13 @@ class TemplateEncoder(nn.Module):
 
     def __init__(self, *, dim: int, depth: int, heads: int, patch: int, dropout: float) -> None:
         super().__init__()
-        self.embed = nn.Conv2d(TEMPLATE_CHANNELS, dim, patch, stride=patch)
+        self.embed = PatchEmbedding(TEMPLATE_CHANNELS, dim, patch)
         self.around = nn.Linear(2 * PLACES, dim)
         self.blocks = nn.ModuleList(VitBlock(dim, heads, dropout) for _ in range(depth))
 
     def forward(self, template: TemplateView) -> Tensor:
         """(1, P, dim), of the patches with cloth in their order (`TemplateView.covered`)."""
-        patches = self.embed(template.images[0]).movedim(1, -1)  # (S, rows, columns, dim)
+        patches = self.embed(template.images[0])  # (S, rows, columns, dim)
         tokens = (patches + self.around(template.places[0]))[template.covered[0]][None]
         for block in self.blocks:
             tokens = block(tokens)

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from imgtransfer.network.attention import Attention, mlp, sine_cosine_grid
+from imgtransfer.network.patch_embedding import PatchEmbedding
 from render import InputError
 
 
@@ -59,7 +60,7 @@ class VitEncoder(nn.Module):
             )
         self.size, self.patch, self.dim = size, patch, dim
         self.grid = (height // patch, width // patch)
-        self.embed = nn.Conv2d(3, dim, patch, stride=patch)
+        self.embed = PatchEmbedding(3, dim, patch)
         self.cls = nn.Parameter(0.02 * torch.randn(1, 1, dim))
         self.position = nn.Parameter(0.1 * sine_cosine_grid(self.grid, dim)[None])
         self.blocks = nn.ModuleList(VitBlock(dim, heads, dropout) for _ in range(depth))
@@ -76,7 +77,7 @@ class VitEncoder(nn.Module):
                 f"images are {images.shape[-2]}x{images.shape[-1]} (height x width), "
                 f"but the encoder was made for {self.size[0]}x{self.size[1]}"
             )
-        patches = self.embed((images - 0.5) / 0.25).flatten(2).transpose(1, 2) + self.position
+        patches = self.embed((images - 0.5) / 0.25).flatten(1, 2) + self.position
         tokens = torch.cat([self.cls.expand(len(patches), -1, -1).to(patches.dtype), patches], dim=1)
         for block in self.blocks:
             tokens = block(tokens)

@@ -88,7 +88,6 @@ class Trainer:
             config.data.validation_frames,
             batch=self.batch,
             outfit=self._outfit,
-            autocast=self._autocast,
             processes=self.processes,
         )
         if options.init is None:

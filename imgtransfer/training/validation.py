@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import torch
@@ -36,14 +35,13 @@ class FrameImages:
 
 
 class Validation:
-    """Predicts validation frames.
+    """Predicts validation frames, in float32 as `imgtransfer predict` does, whatever the training computes in.
 
     Args:
         frames: of the validation clips.
         count: how many of them each validation measures.
         batch: maps and true images of frames of one outfit.
         outfit: of frames of one outfit.
-        autocast: a context for the networks' products.
         processes: that share the work.
     """
 
@@ -54,11 +52,10 @@ class Validation:
         *,
         batch: Callable[[Frames, Tensor], tuple[BodyMaps, ImagePair]],
         outfit: Callable[[Frames, Tensor], Outfit],
-        autocast: Callable[[], AbstractContextManager[object]],
         processes: Processes,
     ) -> None:
         self._frames, self._index = frames, frames.spread(count)
-        self._batch, self._outfit, self._autocast = batch, outfit, autocast
+        self._batch, self._outfit = batch, outfit
         self._processes = processes
         self.worst: tuple[int, float] | None = (
             None  # frame, and its mean distance in mm, of the last validation
@@ -134,9 +131,7 @@ class Validation:
         """Predicted and true images of frames `index` (B,) of one outfit, and what the networks were shown."""
         outfit = self._outfit(self._frames, index)
         body, truth = self._batch(self._frames, index)
-        with self._autocast():
-            images = predicted_images(outfit, body)
-        return images, truth, body
+        return predicted_images(outfit, body), truth, body
 
 
 def predicted_images(outfit: Outfit, body: BodyMaps) -> ImagePair:

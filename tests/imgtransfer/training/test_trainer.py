@@ -136,6 +136,19 @@ def test_a_training_step_lowers_the_loss_of_its_frames(source: Path) -> None:
     assert second["normal_loss"] < first["normal_loss"]
 
 
+def test_validation_is_in_float32_as_prediction_is(source: Path) -> None:
+    measured = []
+    for precision in ("float32", "bfloat16"):
+        trainer = Trainer(small_config(source, mirror=True, precision=precision))
+        with torch.no_grad():  # networks begin with the first guess alone
+            for parameter in trainer.model.parameters():
+                parameter.add_(0.01)
+        measured.append(trainer.validate())
+    assert trainer.precision.name == "bfloat16"
+    assert measured[0] == measured[1]
+    assert measured[0]["position_mm"] != measured[0]["guess_position_mm"]
+
+
 def test_training_beats_the_first_guess(source: Path) -> None:
     trainer = Trainer(small_config(source, mirror=False, steps=60, learning_rate=2e-3))
     for _ in range(60):
