@@ -29,6 +29,7 @@ from fusion.stages import BatchResult, Solver, SolverResult, StageProblem, any_s
 from fusion.topology import Topology
 from render.maps.imager import TemplateImager
 from render.mesh.mesh import check_finite
+from render.mesh.normals import safe_normalize
 
 
 class FrameSolver:
@@ -258,9 +259,7 @@ class FrameSolver:
         places, normals = self._pixel_faces.places, inputs.maps.normals
         if normals is None:
             return None, None
-        target = normals.flatten(1, 3).index_select(1, places).to(self._device)
-        length = torch.linalg.vector_norm(target, dim=-1, keepdim=True)
-        target = target / torch.where(length > 0, length, 1)
+        target = safe_normalize(normals.flatten(1, 3).index_select(1, places).to(self._device))
         confidence = self._confidence(inputs)
         return target, None if confidence is None else confidence.flatten(1)[:, places]
 

@@ -22,9 +22,7 @@ class PatchEmbedding(nn.Conv2d):
     def forward(self, images: Tensor) -> Tensor:
         """(B, C, H, W), both sides multiples of the patch -> (B, H / patch, W / patch, dim)."""
         patch = self.stride[0]
-        pixels = images.unflatten(3, (-1, patch)).unflatten(
-            2, (-1, patch)
-        )  # (B, C, rows, patch, columns, patch)
-        return functional.linear(
-            pixels.permute(0, 2, 4, 1, 3, 5).flatten(3), self.weight.flatten(1), self.bias
-        )
+        # (B, C, rows, patch, columns, patch)
+        pixels = images.unflatten(3, (-1, patch)).unflatten(2, (-1, patch))
+        rows = pixels.permute(0, 2, 4, 1, 3, 5).flatten(3)
+        return functional.linear(rows, self.weight.flatten(1), self.bias)
