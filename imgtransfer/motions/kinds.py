@@ -140,6 +140,25 @@ def bend(clock: Clock) -> Angles:
     return angles
 
 
+def lean(clock: Clock) -> Angles:
+    """Leaning to all sides from hips and spine over legs that stay upright, the arms hanging or taken along."""
+    angles = _idle(clock)
+    pitch = clock.between(-12, 45, seconds=1.1)
+    roll = clock.wander(16, seconds=1.3)
+    angles |= {"pitch": pitch, "roll": roll}
+    angles["bend"] = clock.between(-15, 45, seconds=1.2)
+    angles["side"] = clock.wander(20, seconds=1.2)
+    angles["twist"] = clock.wander(25, seconds=1.4)
+    hanging = clock.random.uniform(0, 1)
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        knee = clock.between(4, 35, seconds=1.3)
+        angles[f"{side}_hip"] = pitch + 0.5 * knee
+        angles[f"{side}_knee"] = knee
+        angles[f"{side}_spread"] = 8 + sign * roll
+        angles[f"{side}_swing"] = angles[f"{side}_swing"] + hanging * (pitch + angles["bend"])
+    return angles
+
+
 def twist(clock: Clock) -> Angles:
     """Turning the trunk to and fro with raised elbows."""
     angles = _idle(clock)
@@ -262,5 +281,5 @@ def mixed(clock: Clock) -> Angles:
 
 KINDS: Mapping[str, Callable[[Clock], Angles]] = {
     kind.__name__: kind
-    for kind in (walk, run, squat, jump, bend, twist, reach, punch, kick, turn, random, mixed)
+    for kind in (walk, run, squat, jump, bend, lean, twist, reach, punch, kick, turn, random, mixed)
 }
