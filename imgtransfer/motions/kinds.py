@@ -154,7 +154,7 @@ def lean(clock: Clock) -> Angles:
         knee = clock.between(4, 35, seconds=1.3)
         angles[f"{side}_hip"] = pitch + 0.5 * knee
         angles[f"{side}_knee"] = knee
-        angles[f"{side}_spread"] = 8 + sign * roll
+        angles[f"{side}_spread"] = 8 - sign * roll
         angles[f"{side}_swing"] = angles[f"{side}_swing"] + hanging * (pitch + angles["bend"])
     return angles
 
