@@ -13,7 +13,6 @@ from imgtransfer.data.clip import Clip
 from imgtransfer.data.source import clip_refs
 from imgtransfer.network import TransferModel
 from imgtransfer.network.memory import check_training_memory
-from imgtransfer.network.more_times import with_more_times
 from imgtransfer.network.shapes import same_faces
 from imgtransfer.network.shared_trunk import share_trunks
 from imgtransfer.running.fingerprint import fingerprint
@@ -73,13 +72,11 @@ def trained_model(config: RunConfig, frames: Frames, path: Path) -> TransferMode
     if known.general:
         model = new_model(config, frames)
         _check_settings("maps", known.asked, config.maps, path)
-        # The run's own: a head, fitted to what is left, and further times, to which the networks give no weight yet.
-        trained, wanted = known.network.history_s, model.network.history_s
-        own = {"head": known.network.head}
-        if wanted[: len(trained)] == trained:
-            own |= {"history_s": trained}
-        _check_settings("network", known.network, model.network.model_copy(update=own), path)
-        model.load_state_dict(with_more_times(known.state_dict(), trained, wanted))
+        alone = model.network.model_copy(
+            update={"head": known.network.head}
+        )  # the run's own, fitted to what is left
+        _check_settings("network", known.network, alone, path)
+        model.load_state_dict(known.state_dict())
         return model
     if len(frames.outfits) > 1:
         raise InputError(

@@ -13,7 +13,6 @@ from imgtransfer.cli.main import main
 from imgtransfer.config.loader import parse_config
 from imgtransfer.data.clip import Clip, load_clip, save_clip
 from imgtransfer.network import TransferModel
-from imgtransfer.network.places import PLACES
 from imgtransfer.training import outfits
 from imgtransfer.training.checkpoint import load_model, read_tensors, write_tensors
 from imgtransfer.training.config import RunConfig
@@ -210,44 +209,6 @@ def test_other_views_than_a_general_model_s_are_refused(source: Path, general: P
         InputError, match=r"trained with maps.views \['front', 'back'\], and the run has \['front'\]"
     ):
         Trainer(parse_config(RunConfig, config, "run"))
-
-
-def with_history(config: RunConfig, times: list[float]) -> RunConfig:
-    content = config.model_dump(mode="json", exclude_unset=True)
-    return parse_config(RunConfig, content | {"network": LOCAL | {"history_s": times}}, "run")
-
-
-def test_a_general_model_is_shown_further_times_and_predicts_what_it_did_until_it_has_learnt(
-    source: Path, general: Path, tube_clip: Clip, tmp_path: Path
-) -> None:
-    known = load_model(general)
-    torch.manual_seed(4)
-    with torch.no_grad():  # three steps from nothing, weights say little
-        known.position_net.motion[0].weight.normal_(std=0.2)
-        known.position_net.to_patch.weight.normal_(std=0.2)
-    tensors, header = read_tensors(general / "model.safetensors", "imgtransfer-model")
-    tensors |= {f"model.{name}": values for name, values in known.state_dict().items()}
-    write_tensors(tmp_path / "general.safetensors", tensors, header)
-    config = local_config(source, init=str(tmp_path / "general.safetensors"))
-    trained_times = list(known.network.history_s)
-    trainer = Trainer(with_history(config, [*trained_times, 0.4, 0.6]))
-    read = trainer.model.position_net.motion[0].weight.unflatten(1, (PLACES + 1, -1, 3))
-    assert read.shape[2] == 1 + len(trained_times) + 2
-    assert not read[:, :, -2:].any()
-    scale = trainer.model.position_net.scale[:, :, 0]
-    last = trained_times[-1]
-    assert torch.allclose(scale[:, -2:], scale[:, -3:-2] * torch.tensor([0.4 / last, 0.6 / last]))
-    trainer.model.eval()
-    trainer.model.mirrored_average = known.mirrored_average
-    assert torch.allclose(
-        trainer.model.predict(tube_clip).metres(), known.predict(tube_clip).metres(), atol=1e-6
-    )
-
-
-def test_other_times_than_a_general_model_s_are_refused(source: Path, general: Path) -> None:
-    config = local_config(source, init=str(general))
-    with pytest.raises(InputError, match=r"trained with network.history_s \[.*\], and the run has \[0.4\]"):
-        Trainer(with_history(config, [0.4]))
 
 
 def test_outfits_follow_each_other_in_packs_and_every_frame_comes_once_an_epoch() -> None:
