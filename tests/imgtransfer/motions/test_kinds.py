@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from imgtransfer.bodies.smpl import INDEX, global_rotations, segment_direction
 from imgtransfer.motions.kinds import KINDS, Clock, pulse
-from imgtransfer.motions.limits import LIMITS, within_limits
+from imgtransfer.motions.library import make_motion
+from imgtransfer.motions.limits import LIMITS, SIDES, within_limits
 
 RATE = 30.0
 
@@ -110,6 +112,27 @@ def test_a_squat_bends_hips_and_knees_of_both_sides_together():
     assert np.array_equal(curves["left_knee"], curves["right_knee"])
     np.testing.assert_allclose(curves["left_hip"] * 100, curves["left_knee"] * 85)
     assert np.ptp(curves["left_knee"]) > 70
+
+
+def test_leaning_tilts_hips_and_spine_to_all_sides():
+    several = [angles("lean", seed) for seed in range(8)]
+    tilts = {name: np.concatenate([curves[name] for curves in several]) for name in ("pitch", "roll", "bend")}
+    for name, least, most in (("pitch", -12, 45), ("roll", -16, 16), ("bend", -15, 45)):
+        assert least <= tilts[name].min() < least + 0.2 * (most - least), name
+        assert most >= tilts[name].max() > most - 0.2 * (most - least), name
+
+
+def test_who_leans_stands_on_legs_that_are_upright_whichever_way_the_hips_tilt():
+    for seed in range(8):
+        motion = make_motion("lean", seed=seed, seconds=4)
+        rotations = global_rotations(motion.poses)
+        for side in SIDES:
+            hip, knee = INDEX[f"{side}_hip"], INDEX[f"{side}_knee"]
+            down = rotations[:, hip] @ segment_direction("thigh", side)
+            down = down + rotations[:, knee] @ segment_direction("shin", side)
+            tilt = np.degrees(np.arccos(-down[:, 1] / np.linalg.norm(down, axis=1)))
+            # Feet are apart by 8 degrees of either thigh, over which knees bend by 35 at most.
+            assert tilt.max() < 15
 
 
 def test_a_kick_swings_one_leg_at_a_time():
