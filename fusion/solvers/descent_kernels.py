@@ -33,9 +33,29 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
     module = wp.get_module(f"fusion.solvers.descent_kernels.float{bits}x{lanes}")
     module.options["enable_backward"] = False
 
-    @wp.kernel(module=module)
+    @wp.func(module=module)
+    def pressed(
+        i: int,
+        g: int,
+        vertices: wp.array3d(dtype=lane),
+        gradient: wp.array3d(dtype=lane),
+        plane: wp.array3d(dtype=lane),
+        offset: wp.array2d(dtype=lane),
+        touching: real,
+    ):
+        """1 for vertices that are pressed against their planes, else 0."""
+        nx, ny, nz = plane[i, 0, g], plane[i, 1, g], plane[i, 2, g]
+        gap = dot(nx, ny, nz, vertices[i, 0, g], vertices[i, 1, g], vertices[i, 2, g]) - offset[i, g]
+        push = dot(nx, ny, nz, gradient[i, 0, g], gradient[i, 1, g], gradient[i, 2, g])
+        held = lane()
+        for k in range(lanes):
+            held[k] = wp.where(gap[k] > touching or push[k] <= real(0.0), real(0.0), real(1.0))
+        return held
+
+    @wp.func(module=module)
     def project(
-        busy: wp.array(dtype=wp.int32),
+        i: int,
+        g: int,
         vertices: wp.array3d(dtype=lane),
         gradient: wp.array3d(dtype=lane),
         plane: wp.array3d(dtype=lane),
@@ -43,35 +63,86 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
         loose: wp.array(dtype=wp.int32),
         touching: real,
         directions: wp.array3d(dtype=lane),
-        projected: wp.array3d(dtype=lane),
     ):
-        """Directions without what pinned vertices and those pressed against their planes cannot do."""
-        i, g = wp.tid()
-        if busy[g] == 0:
-            return
-        # One by one: names that are assigned together would be the array's own numbers.
-        x = directions[i, 0, g]
-        y = directions[i, 1, g]
-        z = directions[i, 2, g]
+        """Take from directions what pinned vertices and those pressed against their planes cannot do."""
         if plane:
             nx, ny, nz = plane[i, 0, g], plane[i, 1, g], plane[i, 2, g]
-            gap = dot(nx, ny, nz, vertices[i, 0, g], vertices[i, 1, g], vertices[i, 2, g]) - offset[i, g]
-            push = dot(nx, ny, nz, gradient[i, 0, g], gradient[i, 1, g], gradient[i, 2, g])
-            into = dot(nx, ny, nz, x, y, z)
-            for k in range(lanes):
-                if gap[k] > touching or push[k] <= real(0.0):
-                    into[k] = real(0.0)
-            x -= wp.cw_mul(nx, into)
-            y -= wp.cw_mul(ny, into)
-            z -= wp.cw_mul(nz, into)
+            held = pressed(i, g, vertices, gradient, plane, offset, touching)
+            into = wp.cw_mul(
+                held, dot(nx, ny, nz, directions[i, 0, g], directions[i, 1, g], directions[i, 2, g])
+            )
+            for axis in range(3):
+                directions[i, axis, g] = directions[i, axis, g] - wp.cw_mul(plane[i, axis, g], into)
         if loose:
             if loose[i] == 0:
-                x = lane()
-                y = lane()
-                z = lane()
-        projected[i, 0, g] = x
-        projected[i, 1, g] = y
-        projected[i, 2, g] = z
+                for axis in range(3):
+                    directions[i, axis, g] = lane()
+
+    @wp.kernel(module=module)
+    def open_gradient(
+        busy: wp.array(dtype=wp.int32),
+        count: wp.int32,
+        block: wp.int32,
+        vertices: wp.array3d(dtype=lane),
+        gradient: wp.array3d(dtype=lane),
+        plane: wp.array3d(dtype=lane),
+        offset: wp.array2d(dtype=lane),
+        loose: wp.array(dtype=wp.int32),
+        touching: real,
+        steps: wp.array4d(dtype=lane),
+        projected: wp.array3d(dtype=lane),
+        blocks: wp.array3d(dtype=lane),
+    ):
+        """The gradient without what is not open to the vertices, and, by blocks, its products with several steps."""
+        b, g = wp.tid()
+        if busy[g] == 0:
+            return
+        last = wp.min((b + 1) * block, count)
+        for i in range(b * block, last):
+            for axis in range(3):
+                projected[i, axis, g] = gradient[i, axis, g]
+            project(i, g, vertices, gradient, plane, offset, loose, touching, projected)
+        for k in range(steps.shape[0]):
+            total = lane()
+            for i in range(b * block, last):
+                for axis in range(3):
+                    total += wp.cw_mul(steps[k, i, axis, g], projected[i, axis, g])
+            blocks[b, k, g] = total
+
+    @wp.kernel(module=module)
+    def lead(
+        busy: wp.array(dtype=wp.int32),
+        count: wp.int32,
+        block: wp.int32,
+        vertices: wp.array3d(dtype=lane),
+        gradient: wp.array3d(dtype=lane),
+        plane: wp.array3d(dtype=lane),
+        offset: wp.array2d(dtype=lane),
+        loose: wp.array(dtype=wp.int32),
+        touching: real,
+        solution: wp.array3d(dtype=lane),
+        factors: wp.array2d(dtype=lane),
+        steps: wp.array4d(dtype=lane),
+        projected: wp.array3d(dtype=lane),
+        direction: wp.array3d(dtype=lane),
+        blocks: wp.array3d(dtype=lane),
+    ):
+        """The direction: minus the solution plus several steps, each with a factor by frame, of which what is not open
+        has been taken away; and, by blocks, its products with the projected gradient."""
+        b, g = wp.tid()
+        if busy[g] == 0:
+            return
+        slope = lane()
+        for i in range(b * block, wp.min((b + 1) * block, count)):
+            for axis in range(3):
+                total = -solution[i, axis, g]
+                for k in range(factors.shape[0]):
+                    total += wp.cw_mul(factors[k, g], steps[k, i, axis, g])
+                direction[i, axis, g] = total
+            project(i, g, vertices, gradient, plane, offset, loose, touching, direction)
+            for axis in range(3):
+                slope += wp.cw_mul(direction[i, axis, g], projected[i, axis, g])
+        blocks[b, 0, g] = slope
 
     @wp.kernel(module=module)
     def advance(
@@ -239,41 +310,56 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
     @wp.kernel(module=module)
     def combine(
         busy: wp.array(dtype=wp.int32),
-        scale: real,
         base: wp.array3d(dtype=lane),
         factors: wp.array2d(dtype=lane),
         others: wp.array4d(dtype=lane),
         found: wp.array3d(dtype=lane),
     ):
-        """scale · base plus several others, each with a factor by frame."""
+        """A base plus several others, each with a factor by frame."""
         i, g = wp.tid()
         if busy[g] == 0:
             return
         for axis in range(3):
-            total = base[i, axis, g] * scale
+            total = base[i, axis, g]
             for k in range(factors.shape[0]):
                 total += wp.cw_mul(factors[k, g], others[k, i, axis, g])
             found[i, axis, g] = total
 
     @wp.kernel(module=module)
-    def differ(
+    def remember(
         busy: wp.array(dtype=wp.int32),
+        count: wp.int32,
+        block: wp.int32,
         place: wp.array(dtype=wp.int32),
-        now: wp.array3d(dtype=lane),
-        before: wp.array3d(dtype=lane),
-        difference: wp.array3d(dtype=lane),
-        kept: wp.array4d(dtype=lane),
+        vertices: wp.array3d(dtype=lane),
+        vertices_before: wp.array3d(dtype=lane),
+        gradient: wp.array3d(dtype=lane),
+        gradient_before: wp.array3d(dtype=lane),
+        steps: wp.array4d(dtype=lane),
+        changes: wp.array4d(dtype=lane),
+        blocks: wp.array3d(dtype=lane),
     ):
-        """What has changed, also among those kept; what is now takes the place of what was before."""
-        i, g = wp.tid()
+        """Keep the newest step and change of gradient, and, by blocks, the products of all steps with that change; what
+        is now takes the place of what was before."""
+        b, g = wp.tid()
         if busy[g] == 0:
             return
-        for axis in range(3):
-            here = now[i, axis, g]
-            change = here - before[i, axis, g]
-            difference[i, axis, g] = change
-            kept[place[0], i, axis, g] = change
-            before[i, axis, g] = here
+        new = place[0]
+        last = wp.min((b + 1) * block, count)
+        for i in range(b * block, last):
+            for axis in range(3):
+                here = vertices[i, axis, g]
+                steps[new, i, axis, g] = here - vertices_before[i, axis, g]
+                vertices_before[i, axis, g] = here
+                slope = gradient[i, axis, g]
+                changes[new, i, axis, g] = slope - gradient_before[i, axis, g]
+                gradient_before[i, axis, g] = slope
+        for k in range(steps.shape[0]):
+            total = lane()
+            for i in range(b * block, last):
+                for axis in range(3):
+                    total += wp.cw_mul(steps[k, i, axis, g], changes[new, i, axis, g])
+            blocks[b, k, g] = total
 
     @wp.kernel(module=module)
     def substitute(
@@ -333,13 +419,14 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
             solution[i, 2, g] = z
 
     return SimpleNamespace(
-        project=project,
+        open_gradient=open_gradient,
+        lead=lead,
         advance=advance,
         products=products,
         first_loop=first_loop,
         second_loop=second_loop,
         judge_pair=judge_pair,
         combine=combine,
-        differ=differ,
+        remember=remember,
         substitute=substitute,
     )
