@@ -36,7 +36,9 @@ class BoxTrees:
         self._constant = [
             torch.from_numpy(values.astype(np.int32)).to(device) for values in (start, order, faces)
         ]
+        self._n_faces = len(faces)
         self._boxes: torch.Tensor | None = None
+        self._corners = torch.empty(0, len(faces), 3, 3, device=device)
         self._kept: Any = None  # what the struct's arrays belong to
         self._struct: Any = None
 
@@ -47,12 +49,14 @@ class BoxTrees:
         warp = warp_module()
         if self._boxes is None or len(self._boxes) < len(poses):
             self._boxes = torch.empty(len(poses), self._inner, 6, _CHILDREN, device=self._device)
+            self._corners = torch.empty(len(poses), self._n_faces, 3, 3, device=self._device)
         start, order, faces = (warp.from_torch(values, dtype=warp.int32) for values in self._constant)
         trees = Trees()
         trees.inner, trees.children = self._inner, _CHILDREN
         trees.boxes = warp.from_torch(self._boxes[: len(poses)], dtype=lane)
         trees.start, trees.order, trees.faces = start, order, faces
         trees.points = warp.from_torch(poses, dtype=warp.vec3)
+        trees.corners = warp.from_torch(self._corners[: len(poses)], dtype=warp.vec3)
         self._kept = poses
         for level in reversed(range(self._depth)):
             count = _CHILDREN**level

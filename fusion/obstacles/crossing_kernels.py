@@ -7,15 +7,16 @@
 
 import warp as wp
 
-from fusion.obstacles.tree_kernels import Trees, face_point, numbers, overlapped
+from fusion.obstacles.tree_kernels import Trees, numbers, overlapped
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def corner(trees: Trees, t: int, face: int, number: int):
-    """A corner of a face in float64, in which differences of float32 numbers and their products are all but exact."""
-    return wp.vec3d(face_point(trees, t, face, number))
+def corner(trees: Trees, t: int, place: int, number: int):
+    """A corner of the face at a place of the order, in float64, in which differences of float32 numbers and their
+    products are all but exact."""
+    return wp.vec3d(trees.corners[t, place, number])
 
 
 @wp.func
@@ -48,11 +49,12 @@ def through(a: wp.vec3d, b: wp.vec3d, p: wp.vec3d, q: wp.vec3d, r: wp.vec3d, i: 
 
 
 @wp.func
-def passes(a: wp.vec3d, b: wp.vec3d, trees: Trees, t: int, face: int):
-    """Whether the edge a b passes through the face: see `fusion.obstacles.crossings` for the rule."""
+def passes(a: wp.vec3d, b: wp.vec3d, trees: Trees, t: int, place: int):
+    """Whether the edge a b passes through the face at a place of the order: see `fusion.obstacles.crossings`."""
+    face = trees.order[place]
     i, j, k = trees.faces[face, 0], trees.faces[face, 1], trees.faces[face, 2]
     return through(
-        a, b, corner(trees, t, face, 0), corner(trees, t, face, 1), corner(trees, t, face, 2), i, j, k
+        a, b, corner(trees, t, place, 0), corner(trees, t, place, 1), corner(trees, t, place, 2), i, j, k
     )
 
 
@@ -107,7 +109,7 @@ def passed_faces(
                     for place in range(trees.start[leaf], trees.start[leaf + 1]):
                         face = trees.order[place]
                         if not (belongs(trees, face, own[row, 0]) or belongs(trees, face, own[row, 1])):
-                            if passes(a, b, trees, t, face):
+                            if passes(a, b, trees, t, place):
                                 if places[row] >= 0:
                                     faces[places[row] + passed] = face
                                 passed += 1

@@ -53,11 +53,11 @@ def roughly(point: wp.vec3, x: wp.vec3, flat: wp.vec3, slack: float):
 
 
 @wp.func
-def clearly_aside(trees: Trees, pose: int, face: int, x: wp.vec3, flat: wp.vec3, slack: float):
+def clearly_aside(trees: Trees, pose: int, place: int, x: wp.vec3, flat: wp.vec3, slack: float):
     """Whether all of a face lies on one side of the plane through x that is normal to `flat`, beyond any rounding."""
-    sides = roughly(face_point(trees, pose, face, 0), x, flat, slack)
-    sides += roughly(face_point(trees, pose, face, 1), x, flat, slack)
-    sides += roughly(face_point(trees, pose, face, 2), x, flat, slack)
+    sides = roughly(trees.corners[pose, place, 0], x, flat, slack)
+    sides += roughly(trees.corners[pose, place, 1], x, flat, slack)
+    sides += roughly(trees.corners[pose, place, 2], x, flat, slack)
     return sides == 3 or sides == -3
 
 
@@ -123,19 +123,19 @@ def crossed(
                 else:
                     leaf = first + child - trees.inner
                     for place in range(trees.start[leaf], trees.start[leaf + 1]):
-                        other = trees.order[place]
                         p, q, r = (
-                            corner(trees, pose, other, 0),
-                            corner(trees, pose, other, 1),
-                            corner(trees, pose, other, 2),
+                            corner(trees, pose, place, 0),
+                            corner(trees, pose, place, 1),
+                            corner(trees, pose, place, 2),
                         )
                         hp, hq, hr = wp.float64(1.0), wp.float64(1.0), wp.float64(1.0)
-                        if not clearly_aside(trees, pose, other, x, flat, slack):
+                        if not clearly_aside(trees, pose, place, x, flat, slack):
                             hp, hq, hr = height(normal, a, p), height(normal, a, q), height(normal, a, r)
                         if not one_side(hp, hq, hr):
                             across = wp.cross(q - p, r - p)
                             ha, hb, hc = height(across, p, a), height(across, p, b), height(across, p, c)
                             if not one_side(ha, hb, hc):
+                                other = trees.order[place]
                                 u, v, w = trees.faces[other, 0], trees.faces[other, 1], trees.faces[other, 2]
                                 if through(a, b, p, q, r, u, v, w):
                                     note(own_places, t, own_side_of[face, 0], ha, hb)

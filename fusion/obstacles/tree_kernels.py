@@ -36,6 +36,7 @@ class Trees:
     order: wp.array(dtype=int)
     faces: wp.array2d(dtype=int)
     points: wp.array2d(dtype=wp.vec3)  # (T, B)
+    corners: wp.array3d(dtype=wp.vec3)  # (T, G, 3), faces in `order`: side by side they are read faster
 
 
 @wp.struct
@@ -72,6 +73,7 @@ def fit_leaves(trees: Trees, first: int):
             face = trees.order[place]
             for corner in range(3):
                 point = face_point(trees, t, face, corner)
+                trees.corners[t, place, corner] = point
                 lower = wp.min(lower, point)
                 upper = wp.max(upper, point)
         for axis in range(3):
@@ -183,10 +185,9 @@ def nearest_on(trees: Trees, t: int, point: wp.vec3, farthest: float):
                     if square[child] <= best:
                         leaf = first + child - trees.inner
                         for place in range(trees.start[leaf], trees.start[leaf + 1]):
-                            face = trees.order[place]
-                            p = face_point(trees, t, face, 0)
-                            q = face_point(trees, t, face, 1)
-                            r = face_point(trees, t, face, 2)
+                            p = trees.corners[t, place, 0]
+                            q = trees.corners[t, place, 1]
+                            r = trees.corners[t, place, 2]
                             sides = wp.length_sq(q - p) + wp.length_sq(r - p) + wp.length_sq(r - q)
                             if (
                                 wp.length_sq(wp.cross(q - p, r - p)) >= SLIVER * SLIVER * sides * sides
@@ -195,6 +196,7 @@ def nearest_on(trees: Trees, t: int, point: wp.vec3, farthest: float):
                                 weights = on_triangle(p, q, r, point)
                                 at = p * weights[0] + q * weights[1] + r * (1.0 - weights[0] - weights[1])
                                 here = wp.length_sq(at - point)
+                                face = trees.order[place]
                                 if here < best or (here == best and (found.face < 0 or face < found.face)):
                                     best = here
                                     found.face = face
@@ -271,14 +273,14 @@ def winding_along(trees: Trees, t: int, start: wp.vec3, direction: wp.vec3):
                 else:
                     leaf = first + child - trees.inner
                     for place in range(trees.start[leaf], trees.start[leaf + 1]):
-                        face = trees.order[place]
-                        p = wp.vec3d(face_point(trees, t, face, 0))
-                        q = wp.vec3d(face_point(trees, t, face, 1))
-                        r = wp.vec3d(face_point(trees, t, face, 2))
+                        p = wp.vec3d(trees.corners[t, place, 0])
+                        q = wp.vec3d(trees.corners[t, place, 1])
+                        r = wp.vec3d(trees.corners[t, place, 2])
                         normal = wp.cross(q - p, r - p)
                         ahead = wp.dot(normal, p - a)
                         along = wp.dot(normal, ray)
                         if (ahead > zero and along > zero) or (ahead < zero and along < zero):
+                            face = trees.order[place]
                             i, j, k = trees.faces[face, 0], trees.faces[face, 1], trees.faces[face, 2]
                             left = is_left_of(a, ray, p, q, i > j)
                             if (
