@@ -71,8 +71,7 @@ class CrossingReport:
         """
         numbers = range(-first_frame % EVERY, len(vertices), EVERY)
         frames = torch.tensor(numbers, dtype=torch.int64, device=vertices.device)
-        # One frame after the other: moving a tree to the next costs a tenth of building another one.
-        itself = [int(self._itself.counts(vertices[frame, None])) for frame in numbers]
+        itself = self._itself.counts(vertices[frames]).cpu().numpy() if len(frames) else np.zeros(0)
         fractions = None
         if contact is not None:
             before, after = (
@@ -80,4 +79,4 @@ class CrossingReport:
                 for cloth in (contact.before, contact.after)
             )
             fractions = before, after
-        return CrossingFractions(fractions, np.array(itself, np.float64) / self._n_edges)
+        return CrossingFractions(fractions, itself / self._n_edges)

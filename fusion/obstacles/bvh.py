@@ -1,4 +1,4 @@
-"""A mesh that takes a new pose every frame, and Warp's search structure for it."""
+"""A mesh that takes a new pose every frame, and the search structures for it."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
+from threading import Lock
 from typing import Any
 
 import numpy as np
 import torch
 
+from fusion.obstacles.box_trees import BoxTrees
 from fusion.parallel import n_threads, run_all
 from fusion.warp_start import launch, warp_module
 from render import InputError
@@ -21,10 +23,11 @@ _FARTHEST = 1e6  # metres; float32 points farther away have no use
 
 
 class MeshBvh:
-    """One pose of a mesh, or one pose a frame, for closest-point queries on Warp.
+    """One pose of a mesh, or one pose a frame, for queries on Warp.
 
-    The search structure is built at the first `update` and refitted at later ones, since the faces never
-    change. Queries only read it and may run in several threads; `update` must not run beside them.
+    Trees of boxes (`BoxTrees`) are built for the first pose of the first `update` and only fitted to all others, since
+    the faces never change. A few kernels that are seldom wanted ask Warp's own meshes, which cost far more to make, and
+    are not before. Queries may run in several threads; `update` must not run beside them.
 
     Args:
         faces: (G, 3) integers.
@@ -54,10 +57,14 @@ class MeshBvh:
         self._name, self._winding = name, winding
         warp = warp_module()
         self._warp_device = warp.device_from_torch(self.device)
-        self._indices = warp.array(faces.astype(np.int32).ravel(), dtype=warp.int32, device=self._warp_device)
+        self._boxes: BoxTrees | None = None
+        self._first: torch.Tensor | None = None  # (B, 3), the pose that trees are built for
+        self._trees: Any = None  # at the pose, once they are asked for
         self._meshes: list[Any] = []
         self._points: list[torch.Tensor] = []  # of the meshes, in their memory
         self._ids: Any = None
+        self._meshes_moved = False
+        self._lock = Lock()  # of several queries at once, the first one makes what they need
         self._batched = False
         self._posed: torch.Tensor | None = None
 
@@ -95,14 +102,36 @@ class MeshBvh:
         if not bool(torch.isfinite(moved).all()):
             check_finite(moved.cpu().numpy(), f"{self._name}_vertices")
         self._batched = moved.ndim == 3
-        frames = moved.to(self.device, torch.float32).reshape(-1, self.n_vertices, 3).contiguous()
-        with torch_stream(self.device):
-            self._place(frames)
+        frames = moved.to(self.device, torch.float32, copy=True).reshape(-1, self.n_vertices, 3).contiguous()
+        if self._first is None:
+            self._first = frames[0].clone()
+        self._trees, self._meshes_moved = None, False
         self._posed = frames
         return frames
 
+    def _posed_trees(self) -> Any:
+        """Trees of boxes at the pose."""
+        with self._lock:
+            if self._trees is None:
+                if self._boxes is None:
+                    assert self._first is not None
+                    self._boxes = BoxTrees(self.faces, self._first.cpu().numpy(), self.device)
+                with torch_stream(self.device):
+                    self._trees = self._boxes.fit(self.vertices)
+            return self._trees
+
+    def _posed_meshes(self) -> Any:
+        """Numbers of Warp's meshes at the pose, one a frame."""
+        with self._lock:
+            if not self._meshes_moved:
+                with torch_stream(self.device):
+                    self._place(self.vertices)
+                self._meshes_moved = True
+            return self._ids
+
     def _place(self, frames: torch.Tensor) -> None:
         warp = warp_module()
+        indices = warp.array(self.faces.astype(np.int32).ravel(), dtype=warp.int32, device=self._warp_device)
         for mesh, points, pose in zip(self._meshes, self._points, frames, strict=False):
             points.copy_(pose)
             mesh.refit()
@@ -114,7 +143,7 @@ class MeshBvh:
             self._points.append(pose.clone())
             points = warp.from_torch(self._points[-1], dtype=warp.vec3)
             self._meshes.append(
-                warp.Mesh(points, self._indices, support_winding_number=self._winding, bvh_leaf_size=2)
+                warp.Mesh(points, indices, support_winding_number=self._winding, bvh_leaf_size=2)
             )
         ids = np.array([mesh.id for mesh in self._meshes[: len(frames)]], np.uint64)
         self._ids = warp.array(ids, dtype=warp.uint64, device=self._warp_device)
@@ -155,8 +184,9 @@ class MeshBvh:
         *,
         count: int,
         frames: torch.Tensor | None = None,
+        by_warp: bool = False,
     ) -> None:
-        """Run `kernel(meshes, pose of each point, points, *arguments, *results)` on `count` threads.
+        """Run `kernel(trees, pose of each point, points, *arguments, *results)` on `count` threads.
 
         Where every point has its thread, they are shared out over the CPU's cores; Warp itself uses one.
 
@@ -167,9 +197,11 @@ class MeshBvh:
             results: (P, ...) contiguous tensors with a row a point, filled in place.
             count: threads; with 0 nothing happens.
             frames: as `points` got them; None: as many points a pose, one pose after the other.
+            by_warp: the kernel takes the numbers of Warp's meshes in place of the trees.
         """
         if not count:
             return
+        searched = self._posed_meshes() if by_warp else self._posed_trees()
         if frames is None:
             frames = torch.arange(len(self.vertices), device=self.device).repeat_interleave(
                 len(flat) // len(self.vertices)
@@ -179,16 +211,18 @@ class MeshBvh:
         if count == len(flat) and self.device.type == "cpu":
             parts = max(1, min(n_threads(), count // _WORTH_A_THREAD))
         pieces = [
-            partial(self._launch, kernel, poses, flat, arguments, results, count, slice(first, last))
+            partial(
+                self._launch, kernel, searched, poses, flat, arguments, results, count, slice(first, last)
+            )
             for first, last in pairwise(len(flat) * part // parts for part in range(parts + 1))
         ]
         run_all(pieces)
 
     def launch_grid(self, kernel: Any, dim: tuple[int, ...], arguments: Sequence[Any]) -> None:
-        """Run `kernel(meshes, *arguments)` on a grid of threads that each find their pose by themselves.
+        """Run `kernel(trees, *arguments)` on a grid of threads that each find their pose by themselves.
 
         Args:
-            kernel: its first argument are the meshes' ids, one a pose.
+            kernel: its first argument are the trees of all poses.
             dim: of the grid; with a 0 in it nothing happens.
             arguments: numbers, contiguous tensors, and what `array` and `vectors` return.
         """
@@ -196,11 +230,12 @@ class MeshBvh:
             return
         converted = [array(each) if isinstance(each, torch.Tensor) else each for each in arguments]
         with torch_stream(self.device):
-            launch(kernel, dim=dim, inputs=[self._ids, *converted], device=self._warp_device)
+            launch(kernel, dim=dim, inputs=[self._posed_trees(), *converted], device=self._warp_device)
 
     def _launch(  # noqa: PLR0917
         self,
         kernel: Any,
+        searched: Any,
         poses: torch.Tensor,
         flat: torch.Tensor,
         arguments: Sequence[Any],
@@ -217,7 +252,7 @@ class MeshBvh:
             launch(
                 kernel,
                 dim=min(count, len(of_part[1])),
-                inputs=[self._ids, array(of_part[0]), vectors(of_part[1]), *converted],
+                inputs=[searched, array(of_part[0]), vectors(of_part[1]), *converted],
                 device=self._warp_device,
             )
 

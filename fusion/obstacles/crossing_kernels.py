@@ -7,16 +7,16 @@
 
 import warp as wp
 
+from fusion.obstacles.tree_kernels import Trees, numbers, overlapped
+
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def corner(mesh: wp.uint64, place: int):
-    """A corner of a face in float64, in which differences of float32 coordinates and their products are all but exact.
-
-    `place` is 3 · face + 0, 1 or 2.
-    """
-    return wp.vec3d(wp.mesh_get_point(mesh, place))
+def corner(trees: Trees, t: int, place: int, number: int):
+    """A corner of the face at a place of the order, in float64, in which differences of float32 numbers and their
+    products are all but exact."""
+    return wp.vec3d(trees.corners[t, place, number])
 
 
 @wp.func
@@ -49,29 +49,25 @@ def through(a: wp.vec3d, b: wp.vec3d, p: wp.vec3d, q: wp.vec3d, r: wp.vec3d, i: 
 
 
 @wp.func
-def passes(a: wp.vec3d, b: wp.vec3d, mesh: wp.uint64, face: int):
-    """Whether the edge a b passes through the face: see `fusion.obstacles.crossings` for the rule."""
-    i = wp.mesh_get_index(mesh, 3 * face)
-    j = wp.mesh_get_index(mesh, 3 * face + 1)
-    k = wp.mesh_get_index(mesh, 3 * face + 2)
-    p = corner(mesh, 3 * face)
-    q = corner(mesh, 3 * face + 1)
-    r = corner(mesh, 3 * face + 2)
-    return through(a, b, p, q, r, i, j, k)
+def passes(a: wp.vec3d, b: wp.vec3d, trees: Trees, t: int, place: int):
+    """Whether the edge a b passes through the face at a place of the order: see `fusion.obstacles.crossings`."""
+    face = trees.order[place]
+    i, j, k = trees.faces[face, 0], trees.faces[face, 1], trees.faces[face, 2]
+    return through(
+        a, b, corner(trees, t, place, 0), corner(trees, t, place, 1), corner(trees, t, place, 2), i, j, k
+    )
 
 
 @wp.func
-def belongs(mesh: wp.uint64, face: int, vertex: int):
+def belongs(trees: Trees, face: int, vertex: int):
     """Whether a vertex is a corner of the face."""
-    i = wp.mesh_get_index(mesh, 3 * face)
-    j = wp.mesh_get_index(mesh, 3 * face + 1)
-    k = wp.mesh_get_index(mesh, 3 * face + 2)
+    i, j, k = trees.faces[face, 0], trees.faces[face, 1], trees.faces[face, 2]
     return vertex == i or vertex == j or vertex == k  # noqa: PLR1714 (Warp knows no `in`)
 
 
 @wp.kernel
 def passed_faces(
-    meshes: wp.array(dtype=wp.uint64),
+    trees: Trees,
     poses: wp.array(dtype=int),
     starts: wp.array(dtype=wp.vec3),
     faces: wp.array(dtype=int),
@@ -88,18 +84,33 @@ def passed_faces(
     row = wp.tid()
     if counts[row] == 0:
         return
-    mesh = meshes[poses[row]]
+    t = poses[row]
     start = starts[row]
     end = wp.vec3(ends[row, 0], ends[row, 1], ends[row, 2])
     a = wp.vec3d(start)
     b = wp.vec3d(end)
-    count = int(0)
-    face = int(0)
-    query = wp.mesh_query_aabb(mesh, wp.min(start, end), wp.max(start, end))
-    while wp.mesh_query_aabb_next(query, face):
-        if not (belongs(mesh, face, own[row, 0]) or belongs(mesh, face, own[row, 1])):
-            if passes(a, b, mesh, face):
-                if places[row] >= 0:
-                    faces[places[row] + count] = face
-                count += 1
-    counts[row] = count
+    lower = wp.min(start, end)
+    upper = wp.max(start, end)
+    passed = int(0)
+    stack = numbers()
+    count = int(1)
+    while count > 0:
+        count -= 1
+        node = stack[count]
+        apart = overlapped(trees, t, node, lower, upper)
+        first = 8 * node + 1
+        for child in range(trees.children):
+            if apart[child] <= 0.0:
+                if first < trees.inner:
+                    stack[count] = first + child
+                    count += 1
+                else:
+                    leaf = first + child - trees.inner
+                    for place in range(trees.start[leaf], trees.start[leaf + 1]):
+                        face = trees.order[place]
+                        if not (belongs(trees, face, own[row, 0]) or belongs(trees, face, own[row, 1])):
+                            if passes(a, b, trees, t, place):
+                                if places[row] >= 0:
+                                    faces[places[row] + passed] = face
+                                passed += 1
+    counts[row] = passed

@@ -103,7 +103,9 @@ class OuterSurface:
         flat = self._mesh.points(points, frames)
         packed = torch.empty((len(flat), 7), dtype=torch.float32, device=self._mesh.device)
         arguments = [*self._widths, self._rims]
-        self._mesh.launch(kernels.surface, flat, arguments, [packed], count=len(flat), frames=frames)
+        self._mesh.launch(
+            kernels.surface, flat, arguments, [packed], count=len(flat), frames=frames, by_warp=True
+        )
         return unpacked(packed, points)
 
     def distance(self, points: torch.Tensor) -> torch.Tensor:

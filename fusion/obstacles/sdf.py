@@ -183,7 +183,9 @@ class BodySdf:
         packed = torch.empty((len(flat), 7), dtype=torch.float32, device=self.device)
         if self.sign != "checked":
             kernel = kernels.winding if self.sign == "winding" else kernels.normal
-            self._body.launch(kernel, flat, [self._band], [packed], count=len(flat), frames=frames)
+            self._body.launch(
+                kernel, flat, [self._band], [packed], count=len(flat), frames=frames, by_warp=True
+            )
             return unpacked(packed, points)
         doubt = torch.empty(len(flat), dtype=torch.int32, device=self.device)
         known = (
@@ -201,7 +203,7 @@ class BodySdf:
                 break
             mesh = self._body if kernel is kernels.confirmed else self._with_winding()
             arguments = [self._band, doubtful, doubt, packed]
-            mesh.launch(kernel, flat, arguments, count=len(doubtful), frames=frames)
+            mesh.launch(kernel, flat, arguments, count=len(doubtful), frames=frames, by_warp=True)
         return unpacked(packed, points)
 
     def distance(self, points: torch.Tensor) -> torch.Tensor:

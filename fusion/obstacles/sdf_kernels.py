@@ -8,6 +8,7 @@
 import warp as wp
 
 from fusion.obstacles.ray_kernels import FARTHEST, crossings, nearest_exit
+from fusion.obstacles.tree_kernels import Trees, face_normal, nearest_on, winding_along
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,11 +27,11 @@ def store(i: int, distance: float, direction: wp.vec3, closest: wp.vec3, packed:
 
 
 @wp.func
-def away_from(mesh: wp.uint64, face: int, closest: wp.vec3, point: wp.vec3, side: float):
+def away_from(normal: wp.vec3, closest: wp.vec3, point: wp.vec3, side: float):
     """Unit vector from the closest point to the point, turned outwards; the face's normal where they coincide."""
     offset = point - closest
     length = wp.length(offset)
-    direction = wp.mesh_eval_face_normal(mesh, face)
+    direction = normal
     if length > TOUCHING:
         direction = offset * (side / length)
     return direction
@@ -38,8 +39,7 @@ def away_from(mesh: wp.uint64, face: int, closest: wp.vec3, point: wp.vec3, side
 
 @wp.func
 def store_signed(
-    mesh: wp.uint64,
-    face: int,
+    normal: wp.vec3,
     closest: wp.vec3,
     point: wp.vec3,
     side: float,
@@ -50,7 +50,7 @@ def store_signed(
     """Write what is nearer than `band` or inside; otherwise the band, without a direction."""
     distance = side * wp.length(point - closest)
     if distance < band:
-        store(i, distance, away_from(mesh, face, closest, point, side), closest, packed)
+        store(i, distance, away_from(normal, closest, point, side), closest, packed)
     else:
         store(i, band, wp.vec3(0.0, 0.0, 0.0), point, packed)
 
@@ -68,14 +68,14 @@ def store_query(
     if query.result:
         closest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
         side = wp.where(query.sign < 0.0, -1.0, 1.0)
-        store_signed(mesh, query.face, closest, point, side, band, i, packed)
+        store_signed(wp.mesh_eval_face_normal(mesh, query.face), closest, point, side, band, i, packed)
     else:
         store(i, band, wp.vec3(0.0, 0.0, 0.0), point, packed)
 
 
 @wp.kernel
 def checked(
-    meshes: wp.array(dtype=wp.uint64),
+    trees: Trees,
     poses: wp.array(dtype=int),
     points: wp.array(dtype=wp.vec3),
     band: float,
@@ -91,30 +91,31 @@ def checked(
     otherwise the winding number, or -1 for 0. Nothing is counted for points that are known to be outside (1).
     """
     i = wp.tid()
-    mesh = meshes[poses[i]]
+    t = poses[i]
     point = points[i]
     doubt[i] = 0
-    query = wp.mesh_query_point_no_sign(mesh, point, band)
+    found = nearest_on(trees, t, point, band)
     known = outside[i] != wp.int8(0)
-    if not query.result and not known:
+    if found.face < 0 and not known:
         # Beyond the band outside or deep inside? Any direction will do.
-        if crossings(mesh, point, wp.normalize(wp.vec3(0.31, 0.17, 0.94))) != 0:
-            query = wp.mesh_query_point_no_sign(mesh, point, FARTHEST)
-    if query.result:
-        closest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+        if winding_along(trees, t, point, wp.normalize(wp.vec3(0.31, 0.17, 0.94))) != 0:
+            found = nearest_on(trees, t, point, FARTHEST)
+    if found.face >= 0:
+        closest = found.at
+        normal = face_normal(trees, t, found.face)
         offset = point - closest
-        side = wp.where(wp.dot(offset, wp.mesh_eval_face_normal(mesh, query.face)) < 0.0, -1.0, 1.0)
+        side = wp.where(wp.dot(offset, normal) < 0.0, -1.0, 1.0)
         # On along the line from the closest point: never through it, nor along the faces that meet there.
-        outward = side * away_from(mesh, query.face, closest, point, side)
+        outward = side * away_from(normal, closest, point, side)
         start = point
         if wp.length(offset) <= TOUCHING:
             start = closest + outward * OUTSIDE
         around = int(0)
         if not known:
-            around = crossings(mesh, start, outward)
+            around = winding_along(trees, t, start, outward)
         if around != wp.where(side < 0.0, 1, 0):
             doubt[i] = wp.where(around == 0, -1, around)
-        store_signed(mesh, query.face, closest, point, side, band, i, packed)
+        store_signed(normal, closest, point, side, band, i, packed)
     else:
         store(i, band, wp.vec3(0.0, 0.0, 0.0), point, packed)
 
@@ -129,7 +130,7 @@ def settle(
     if query.result:
         closest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
         side = wp.where(counted > 0, -1.0, 1.0)
-        store_signed(mesh, query.face, closest, point, side, band, i, packed)
+        store_signed(wp.mesh_eval_face_normal(mesh, query.face), closest, point, side, band, i, packed)
         if counted > 0 and (query.sign > 0.0 or counted > 1):  # not just behind a sharp edge
             best = nearest_exit(mesh, point, counted)
             if best[3] < FARTHEST:
@@ -245,5 +246,5 @@ def surface(
         if not past and height - offset < band and height > -depth:
             distance = height - offset
             closest = at
-            direction = away_from(mesh, query.face, at, point, side)
+            direction = away_from(wp.mesh_eval_face_normal(mesh, query.face), at, point, side)
     store(i, distance, direction, closest, packed)

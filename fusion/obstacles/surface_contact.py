@@ -97,8 +97,7 @@ class SurfaceContact:
     def __init__(self, obstacle: Obstacle, topology: Topology, device: torch.device) -> None:
         self._obstacle = obstacle
         self._mesh = MeshBvh(topology.faces, topology.n_vertices, device=device, name="garment")
-        # Built at rest, and only refitted later: of points as near, which one is found depends on how a tree was built,
-        # and must not depend on the frames that are looked at together.
+        # Built at rest, and only fitted later.
         self._mesh.update(topology.rest_vertices)
         self._sides = _Sides(self._mesh)
         self._surfaces = [_Surface(mesh) for mesh in obstacle.surfaces]
@@ -225,12 +224,10 @@ class SurfaceContact:
 
         faces = torch.empty(len(points), dtype=torch.int32, device=points.device)
         weights = torch.zeros_like(points)
-        arrays = vectors(points), _NEAR, array(faces), vectors(weights)
-        # One frame after the other: moving a tree to the next takes a tenth of the time to build another one.
-        for frame in row.unique().tolist():
-            chosen = (row == frame).nonzero()[:, 0].int()
-            self._mesh.update(cloth.points[frame])
-            self._mesh.launch_grid(nearest, (len(chosen),), [chosen, *arrays])
+        frames, poses = row.unique(return_inverse=True)
+        self._mesh.update(cloth.points[frames])
+        arguments = [poses.int(), vectors(points), _NEAR, array(faces), vectors(weights)]
+        self._mesh.launch_grid(nearest, (len(points),), arguments)
         return faces, weights
 
 

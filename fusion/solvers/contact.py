@@ -139,7 +139,7 @@ class ConstrainedStep:
         direction: (T, N, 3), along which.
         length: (T,), how far.
         gradient: (T, N, 3), the energy's at `vertices`.
-        open_gradient: (T, N, 3), made by `project_gradient`.
+        open_gradient: (T, N, 3), what of the gradient is open.
     """
 
     def __init__(self, energy: Energy, loose: torch.Tensor | None, contact: Contact | None) -> None:
@@ -149,35 +149,18 @@ class ConstrainedStep:
         )
         self.length = frames_last(len(like), like=like)
         self.length.fill_(1)
-        count = like.shape[1]
-        self._project, self._project_gradient, self._advance = (Recorder(like, energy.busy) for _ in range(3))
-        self._unconstrained = contact is None and loose is None
-        record = self._project
-        vertices, direction = record.frames(self.vertices), record.frames(self.direction)
-        planes: list[Any] = [None, None]
-        if contact is not None:
-            planes = [record.frames(contact.normal), record.frames(contact.offset)]
-        planes.append(None if loose is None else record.ints(loose))
-        gradient = record.frames(self.gradient)
-        record("project", count, vertices, gradient, *planes, _TOUCHING, direction, direction)
-        open_gradient = record.frames(self.open_gradient)
-        self._project_gradient(
-            "project", count, vertices, gradient, *planes, _TOUCHING, gradient, open_gradient
-        )
+        self._planes, self._loose = contact and (contact.normal, contact.offset), loose
+        self._advance = record = Recorder(like, energy.busy)
+        vertices, _, *limits = self.limits(record)[:-1]
         moving, length = record.frames(energy.active), record.frames(self.length)
-        self._advance(
-            "advance", count, moving, vertices, direction, length, *planes, record.frames(energy.vertices)
-        )
+        target, direction = record.frames(energy.vertices), record.frames(self.direction)
+        record("advance", like.shape[1], moving, vertices, direction, length, *limits, target)
 
-    def project(self) -> torch.Tensor:
-        """`direction`, of which what is not open has been taken away."""
-        if not self._unconstrained:
-            self._project.run()
-        return self.direction
-
-    def project_gradient(self) -> None:
-        """Let `open_gradient` be what is left of `gradient` without what is not open."""
-        self._project_gradient.run()
+    def limits(self, record: Recorder) -> list[Any]:
+        """What tells which directions are open, for kernels: vertices, gradient, planes, pins, and what touches."""
+        normal, offset = map(record.frames, self._planes) if self._planes else (None, None)
+        loose = None if self._loose is None else record.ints(self._loose)
+        return [record.frames(self.vertices), record.frames(self.gradient), normal, offset, loose, _TOUCHING]
 
     def advance(self) -> None:
         """Put the energy's vertices where the step leads, and out of the obstacle."""

@@ -1,4 +1,4 @@
-"""Warp kernels of `fusion.solvers.contact` and `fusion.solvers.memory`: steps of vertices, and products of them.
+"""Warp kernels of `fusion.solvers.contact` and `fusion.solvers.system`: where steps of vertices may lead.
 
 Laid out as in `fusion.solvers.energy_kernels`. Products of whole frames are summed by blocks of vertices, a thread
 each; who reads them adds up the blocks, in double precision.
@@ -28,14 +28,33 @@ def descent_kernels(bits: int, lanes: int) -> SimpleNamespace:
 @cache
 def _defined(bits: int, lanes: int) -> SimpleNamespace:
     real, lane = lane_type(bits, lanes)
-    exact = wp.types.vector(lanes, wp.float64)
     dot = lane_functions(bits, lanes).dot
     module = wp.get_module(f"fusion.solvers.descent_kernels.float{bits}x{lanes}")
     module.options["enable_backward"] = False
 
-    @wp.kernel(module=module)
+    @wp.func(module=module)
+    def pressed(
+        i: int,
+        g: int,
+        vertices: wp.array3d(dtype=lane),
+        gradient: wp.array3d(dtype=lane),
+        plane: wp.array3d(dtype=lane),
+        offset: wp.array2d(dtype=lane),
+        touching: real,
+    ):
+        """1 for vertices that are pressed against their planes, else 0."""
+        nx, ny, nz = plane[i, 0, g], plane[i, 1, g], plane[i, 2, g]
+        gap = dot(nx, ny, nz, vertices[i, 0, g], vertices[i, 1, g], vertices[i, 2, g]) - offset[i, g]
+        push = dot(nx, ny, nz, gradient[i, 0, g], gradient[i, 1, g], gradient[i, 2, g])
+        held = lane()
+        for k in range(lanes):
+            held[k] = wp.where(gap[k] > touching or push[k] <= real(0.0), real(0.0), real(1.0))
+        return held
+
+    @wp.func(module=module)
     def project(
-        busy: wp.array(dtype=wp.int32),
+        i: int,
+        g: int,
         vertices: wp.array3d(dtype=lane),
         gradient: wp.array3d(dtype=lane),
         plane: wp.array3d(dtype=lane),
@@ -43,35 +62,86 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
         loose: wp.array(dtype=wp.int32),
         touching: real,
         directions: wp.array3d(dtype=lane),
-        projected: wp.array3d(dtype=lane),
     ):
-        """Directions without what pinned vertices and those pressed against their planes cannot do."""
-        i, g = wp.tid()
-        if busy[g] == 0:
-            return
-        # One by one: names that are assigned together would be the array's own numbers.
-        x = directions[i, 0, g]
-        y = directions[i, 1, g]
-        z = directions[i, 2, g]
+        """Take from directions what pinned vertices and those pressed against their planes cannot do."""
         if plane:
             nx, ny, nz = plane[i, 0, g], plane[i, 1, g], plane[i, 2, g]
-            gap = dot(nx, ny, nz, vertices[i, 0, g], vertices[i, 1, g], vertices[i, 2, g]) - offset[i, g]
-            push = dot(nx, ny, nz, gradient[i, 0, g], gradient[i, 1, g], gradient[i, 2, g])
-            into = dot(nx, ny, nz, x, y, z)
-            for k in range(lanes):
-                if gap[k] > touching or push[k] <= real(0.0):
-                    into[k] = real(0.0)
-            x -= wp.cw_mul(nx, into)
-            y -= wp.cw_mul(ny, into)
-            z -= wp.cw_mul(nz, into)
+            held = pressed(i, g, vertices, gradient, plane, offset, touching)
+            into = wp.cw_mul(
+                held, dot(nx, ny, nz, directions[i, 0, g], directions[i, 1, g], directions[i, 2, g])
+            )
+            for axis in range(3):
+                directions[i, axis, g] = directions[i, axis, g] - wp.cw_mul(plane[i, axis, g], into)
         if loose:
             if loose[i] == 0:
-                x = lane()
-                y = lane()
-                z = lane()
-        projected[i, 0, g] = x
-        projected[i, 1, g] = y
-        projected[i, 2, g] = z
+                for axis in range(3):
+                    directions[i, axis, g] = lane()
+
+    @wp.kernel(module=module)
+    def open_gradient(
+        busy: wp.array(dtype=wp.int32),
+        count: wp.int32,
+        block: wp.int32,
+        vertices: wp.array3d(dtype=lane),
+        gradient: wp.array3d(dtype=lane),
+        plane: wp.array3d(dtype=lane),
+        offset: wp.array2d(dtype=lane),
+        loose: wp.array(dtype=wp.int32),
+        touching: real,
+        steps: wp.array4d(dtype=lane),
+        projected: wp.array3d(dtype=lane),
+        blocks: wp.array3d(dtype=lane),
+    ):
+        """The gradient without what is not open to the vertices, and, by blocks, its products with several steps."""
+        b, g = wp.tid()
+        if busy[g] == 0:
+            return
+        last = wp.min((b + 1) * block, count)
+        for i in range(b * block, last):
+            for axis in range(3):
+                projected[i, axis, g] = gradient[i, axis, g]
+            project(i, g, vertices, gradient, plane, offset, loose, touching, projected)
+        for k in range(steps.shape[0]):
+            total = lane()
+            for i in range(b * block, last):
+                for axis in range(3):
+                    total += wp.cw_mul(steps[k, i, axis, g], projected[i, axis, g])
+            blocks[b, k, g] = total
+
+    @wp.kernel(module=module)
+    def lead(
+        busy: wp.array(dtype=wp.int32),
+        count: wp.int32,
+        block: wp.int32,
+        vertices: wp.array3d(dtype=lane),
+        gradient: wp.array3d(dtype=lane),
+        plane: wp.array3d(dtype=lane),
+        offset: wp.array2d(dtype=lane),
+        loose: wp.array(dtype=wp.int32),
+        touching: real,
+        solution: wp.array3d(dtype=lane),
+        factors: wp.array2d(dtype=lane),
+        steps: wp.array4d(dtype=lane),
+        projected: wp.array3d(dtype=lane),
+        direction: wp.array3d(dtype=lane),
+        blocks: wp.array3d(dtype=lane),
+    ):
+        """The direction: minus the solution plus several steps, each with a factor by frame, of which what is not open
+        has been taken away; and, by blocks, its products with the projected gradient."""
+        b, g = wp.tid()
+        if busy[g] == 0:
+            return
+        slope = lane()
+        for i in range(b * block, wp.min((b + 1) * block, count)):
+            for axis in range(3):
+                total = -solution[i, axis, g]
+                for k in range(factors.shape[0]):
+                    total += wp.cw_mul(factors[k, g], steps[k, i, axis, g])
+                direction[i, axis, g] = total
+            project(i, g, vertices, gradient, plane, offset, loose, touching, direction)
+            for axis in range(3):
+                slope += wp.cw_mul(direction[i, axis, g], projected[i, axis, g])
+        blocks[b, 0, g] = slope
 
     @wp.kernel(module=module)
     def advance(
@@ -120,160 +190,6 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
         target[i, 0, g] = x
         target[i, 1, g] = y
         target[i, 2, g] = z
-
-    @wp.kernel(module=module)
-    def products(
-        busy: wp.array(dtype=wp.int32),
-        count: wp.int32,
-        block: wp.int32,
-        first: wp.array4d(dtype=lane),
-        second: wp.array3d(dtype=lane),
-        blocks: wp.array3d(dtype=lane),
-    ):
-        """Of each of several first ones with one second, block by block: (B, K, G)."""
-        b, k, g = wp.tid()
-        if busy[g] == 0:
-            return
-        total = lane()
-        for i in range(b * block, wp.min((b + 1) * block, count)):
-            for axis in range(3):
-                total += wp.cw_mul(first[k, i, axis, g], second[i, axis, g])
-        blocks[b, k, g] = total
-
-    @wp.func(module=module)
-    def summed(blocks: wp.array3d(dtype=lane), k: int, g: int):
-        """A product (its k-th), in double precision."""
-        total = exact()
-        for b in range(blocks.shape[0]):
-            part = blocks[b, k, g]
-            for m in range(lanes):
-                total[m] += wp.float64(part[m])
-        return total
-
-    @wp.kernel(module=module)
-    def first_loop(
-        busy: wp.array(dtype=wp.int32),
-        order: wp.array(dtype=wp.int32),
-        blocks: wp.array3d(dtype=lane),
-        inverse: wp.array2d(dtype=exact),
-        by_change: wp.array3d(dtype=exact),
-        alphas: wp.array2d(dtype=exact),
-        factors: wp.array2d(dtype=lane),
-    ):
-        """The first loop of L-BFGS, newest pair first, from the products of the steps with the gradient.
-
-        `order` are the pairs from the oldest to the newest, -1 for those that there are not yet.
-        """
-        g = wp.tid()
-        pairs = order.shape[0]
-        for back in range(pairs):
-            at = pairs - 1 - back
-            k = order[at]
-            if k >= 0:
-                along = summed(blocks, k, g)
-                for newer in range(pairs - 1, at, -1):
-                    other = order[newer]
-                    if other >= 0:
-                        along -= wp.cw_mul(alphas[other, g], by_change[k, other, g])
-                alpha = wp.cw_mul(along, inverse[k, g])
-                alphas[k, g] = alpha
-                factor = lane()
-                for m in range(lanes):
-                    factor[m] = -real(alpha[m])
-                factors[k, g] = factor
-
-    @wp.kernel(module=module)
-    def second_loop(
-        busy: wp.array(dtype=wp.int32),
-        order: wp.array(dtype=wp.int32),
-        blocks: wp.array3d(dtype=lane),
-        inverse: wp.array2d(dtype=exact),
-        by_change: wp.array3d(dtype=exact),
-        alphas: wp.array2d(dtype=exact),
-        lengths: wp.array2d(dtype=exact),
-        factors: wp.array2d(dtype=lane),
-    ):
-        """The second loop, oldest pair first, from the products of the changes with the solution."""
-        g = wp.tid()
-        for at in range(order.shape[0]):
-            k = order[at]
-            if k >= 0:
-                along = summed(blocks, k, g)
-                for older in range(at):
-                    other = order[older]
-                    if other >= 0:
-                        along += wp.cw_mul(lengths[other, g], by_change[other, k, g])
-                length = alphas[k, g] - wp.cw_mul(along, inverse[k, g])
-                lengths[k, g] = length
-                factor = lane()
-                for m in range(lanes):
-                    factor[m] = -real(length[m])
-                factors[k, g] = factor
-
-    @wp.kernel(module=module)
-    def judge_pair(
-        busy: wp.array(dtype=wp.int32),
-        place: wp.array(dtype=wp.int32),
-        curvature: wp.float64,
-        blocks: wp.array3d(dtype=lane),
-        slope_blocks: wp.array3d(dtype=lane),
-        length: wp.array(dtype=lane),
-        inverse: wp.array2d(dtype=exact),
-        by_change: wp.array3d(dtype=exact),
-    ):
-        """Keep the products of all steps with the newest change, and what they say of it: 1 / curvature, or 0 where
-        the slope has not changed by the fraction `curvature` of it."""
-        g = wp.tid()
-        new = place[0]
-        for k in range(inverse.shape[0]):
-            by_change[k, new, g] = summed(blocks, k, g)
-        own = by_change[new, new, g]
-        slope = summed(slope_blocks, 0, g)
-        step = length[g]
-        found = exact()
-        for m in range(lanes):
-            if own[m] > curvature * wp.abs(wp.float64(step[m]) * slope[m]):
-                found[m] = wp.float64(1.0) / own[m]
-        inverse[new, g] = found
-
-    @wp.kernel(module=module)
-    def combine(
-        busy: wp.array(dtype=wp.int32),
-        scale: real,
-        base: wp.array3d(dtype=lane),
-        factors: wp.array2d(dtype=lane),
-        others: wp.array4d(dtype=lane),
-        found: wp.array3d(dtype=lane),
-    ):
-        """scale · base plus several others, each with a factor by frame."""
-        i, g = wp.tid()
-        if busy[g] == 0:
-            return
-        for axis in range(3):
-            total = base[i, axis, g] * scale
-            for k in range(factors.shape[0]):
-                total += wp.cw_mul(factors[k, g], others[k, i, axis, g])
-            found[i, axis, g] = total
-
-    @wp.kernel(module=module)
-    def differ(
-        busy: wp.array(dtype=wp.int32),
-        place: wp.array(dtype=wp.int32),
-        now: wp.array3d(dtype=lane),
-        before: wp.array3d(dtype=lane),
-        difference: wp.array3d(dtype=lane),
-        kept: wp.array4d(dtype=lane),
-    ):
-        """What has changed, also among those kept; what is now takes the place of what was before."""
-        i, g = wp.tid()
-        if busy[g] == 0:
-            return
-        for axis in range(3):
-            here = now[i, axis, g]
-            change = here - before[i, axis, g]
-            difference[i, axis, g] = change
-            kept[place[0], i, axis, g] = change
-            before[i, axis, g] = here
 
     @wp.kernel(module=module)
     def substitute(
@@ -333,13 +249,8 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
             solution[i, 2, g] = z
 
     return SimpleNamespace(
-        project=project,
+        open_gradient=open_gradient,
+        lead=lead,
         advance=advance,
-        products=products,
-        first_loop=first_loop,
-        second_loop=second_loop,
-        judge_pair=judge_pair,
-        combine=combine,
-        differ=differ,
         substitute=substitute,
     )

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from fusion.solvers.contact import ConstrainedStep, Contact
 from fusion.solvers.energy import Energy
@@ -79,11 +81,13 @@ class _Run:
         self._frames = len(energy.vertices)
         self._memory = memory = StepMemory(energy, self._constrained)
         self._solve = system.solver(memory.right, memory.solution, energy.busy)
-        self._going = torch.ones(self._frames, dtype=torch.bool, device=energy.vertices.device)
-        self._value = torch.zeros(self._frames, dtype=torch.float64, device=energy.vertices.device)
+        self._going = np.ones(self._frames, bool)
+        self._value = np.zeros(self._frames)
+        self._factors = energy.factors.cpu().numpy()
+        self._active, self._length = self._going, np.ones(self._frames)  # as the kernels have them
 
     def run(self, start: torch.Tensor, steps: int, tolerance: float) -> Descent:
-        iterations = torch.zeros_like(self._going, dtype=torch.int64)
+        iterations = np.zeros(self._frames, np.int64)
         contact, constrained = self._contact, self._constrained
         constrained.vertices.copy_(start)
         history = [self._restart()]
@@ -100,72 +104,83 @@ class _Run:
                 depths.append(contact.depth)
             if len(values) > _STEPS_JUDGED:
                 before = values[-1 - _STEPS_JUDGED]
-                self._going &= before - self._value > _STEPS_JUDGED * tolerance * before.abs()
-            if not bool(self._going.any()):
+                self._going = self._going & (
+                    before - self._value > _STEPS_JUDGED * tolerance * np.abs(before)
+                )
+            if not self._going.any():
                 break
         if contact is not None:
             contact.measure(constrained.vertices)
             depths[-1] = contact.depth
         return Descent(
             constrained.vertices.contiguous(),
-            iterations,
-            torch.stack(history),
+            torch.from_numpy(iterations).to(start.device),
+            torch.from_numpy(np.stack(history)).to(start.device),
             torch.stack(depths) if depths else None,
         )
 
-    def _restart(self) -> torch.Tensor:
+    def _restart(self) -> NDArray[np.float64]:
         """Ask where the obstacle is, leave it, and evaluate there; frames that are finished stay as they are."""
+        constrained, energy = self._constrained, self._energy
         if self._contact is not None:
-            self._contact.update_planes(self._constrained.vertices, self._going)
-        self._constrained.length.zero_()
-        self._energy.activate(self._going)
-        self._constrained.advance()
-        terms = self._energy.evaluate()
+            going = torch.from_numpy(self._going).to(energy.vertices.device)
+            self._contact.update_planes(constrained.vertices, going)
+        self._activate(self._going)
+        terms = self._evaluate(np.zeros(self._frames))
         self._value = self._weighted(terms)
-        self._constrained.vertices.copy_(self._energy.vertices)
-        self._constrained.gradient.copy_(self._energy.gradient)
+        constrained.vertices.copy_(energy.vertices)
+        constrained.gradient.copy_(energy.gradient)
         return terms
 
-    def _step(self) -> torch.Tensor:
+    def _step(self) -> NDArray[np.float64]:
         """One step of all problems that are still going; the terms after it."""
-        constrained, energy = self._constrained, self._energy
-        energy.activate(self._going)
-        constrained.project_gradient()
+        self._activate(self._going)
         self._memory.prepare()
         self._solve()
+        # Projected at its end, so that it descends whatever walls the remembered steps were taken at.
         self._memory.lead()
-        # Projected last, so that it descends whatever walls the remembered steps were taken at.
-        constrained.project()
-        slope = self._memory.slope()
-        terms, self._value, lowered = self._line_search(slope)
+        terms, self._value, lowered = self._line_search(self._memory.slope().cpu().numpy())
         self._going = self._going & lowered
         self._memory.add()
         return terms
 
-    def _line_search(self, slope: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def _line_search(
+        self, slope: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
         """Halve each problem's step until the energy falls enough: terms and energies there, and whether they did (T,).
 
         Those take part afterwards that did before.
         """
-        length, trying = torch.ones_like(slope), self._going
+        length, trying = np.ones(self._frames), self._going
         for halving in range(_HALVINGS + 1):
             if halving == _HALVINGS:  # nowhere to go within rounding: stay
-                length = torch.where(trying, 0, length)
-            self._constrained.length.copy_(length)
-            if halving:
-                self._energy.activate(trying)
-            self._constrained.advance()
-            terms = self._energy.evaluate()
+                length = np.where(trying, 0, length)
+            self._activate(trying)
+            terms = self._evaluate(length)
             value = self._weighted(terms)
             failed = trying & ~(value <= self._value + _SUFFICIENT * length * slope)
-            if not bool(failed.any()):
+            if not failed.any():
                 break
             trying = failed
-            length = torch.where(failed, 0.5 * length, length)
-        if halving:
-            self._energy.activate(self._going)
+            length = np.where(failed, 0.5 * length, length)
+        self._activate(self._going)
         return terms, value, length > 0
 
-    def _weighted(self, terms: torch.Tensor) -> torch.Tensor:
+    def _activate(self, frames: NDArray[np.bool_]) -> None:
+        """Let these frames (T,) take part."""
+        if not np.array_equal(frames, self._active):
+            self._energy.activate(torch.from_numpy(frames).to(self._energy.vertices.device))
+            self._active = frames
+
+    def _evaluate(self, length: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(T, 4) the terms at the end of steps of so many directions (T,)."""
+        if not np.array_equal(length, self._length):
+            self._constrained.length.copy_(torch.from_numpy(length))
+            self._length = length
+        self._constrained.advance()
+        return self._energy.evaluate().cpu().numpy()
+
+    def _weighted(self, terms: NDArray[np.float64]) -> NDArray[np.float64]:
         """(T, 4) to the energies of the frames (T,)."""
-        return (terms * self._energy.factors).sum(-1)
+        weighted: NDArray[np.float64] = (terms * self._factors).sum(-1)
+        return weighted

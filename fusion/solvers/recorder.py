@@ -30,9 +30,10 @@ def _kernels(bits: int, lanes: int) -> SimpleNamespace:
     # Defining kernels imports warp.
     from fusion.solvers.descent_kernels import descent_kernels  # noqa: PLC0415
     from fusion.solvers.energy_kernels import kernels  # noqa: PLC0415
+    from fusion.solvers.memory_kernels import memory_kernels  # noqa: PLC0415
     from fusion.solvers.sum_kernels import sum_kernels  # noqa: PLC0415
 
-    made = (each(bits, lanes) for each in (kernels, descent_kernels, sum_kernels))
+    made = (each(bits, lanes) for each in (kernels, descent_kernels, memory_kernels, sum_kernels))
     return SimpleNamespace(**ChainMap(*map(vars, made)))
 
 

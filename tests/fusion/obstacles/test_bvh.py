@@ -18,7 +18,9 @@ def heights(mesh, points, *, count=None):
     """(P,) signed distances of points (..., 3), where all are within a metre."""
     flat = mesh.points(points)
     packed = torch.full((len(flat), 7), -9.0)
-    mesh.launch(sdf_kernels.normal, flat, [1.0], [packed], count=len(flat) if count is None else count)
+    mesh.launch(
+        sdf_kernels.normal, flat, [1.0], [packed], count=len(flat) if count is None else count, by_warp=True
+    )
     return packed[:, 0]
 
 

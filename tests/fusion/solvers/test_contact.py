@@ -9,6 +9,7 @@ from fusion.obstacles.sdf import SdfQuery
 from fusion.obstacles.surface_contact import SurfaceContacts
 from fusion.solvers.contact import ConstrainedStep, Contact
 from fusion.solvers.energy import Energy
+from fusion.solvers.memory import StepMemory
 from render import Mesh
 from tests.helpers.half_space import HalfSpace
 
@@ -28,6 +29,14 @@ def step_of(vertices, gradient, *, loose=None, ground=None, margin=0.0):
     step.vertices.copy_(vertices)
     step.gradient.copy_(gradient)
     return step, energy
+
+
+def open_to(step, energy, direction):
+    """A direction (T, N, 3), as far as it is open."""
+    memory = StepMemory(energy, step)
+    memory.solution.copy_(-direction)
+    memory.lead()
+    return step.direction
 
 
 def at(*heights):
@@ -81,16 +90,15 @@ def test_only_what_touches_and_is_pressed_down_slides_along_its_plane():
     """The vertices: touching and pressed down; touching and pulled up; pressed down from far above."""
     vertices = at(0.0, 0.0, 1.0)
     gradient = torch.tensor([[[0.0, 1, 0], [0, -1, 0], [0, 1, 0]]], dtype=torch.float64)
-    step, _ = step_of(vertices, gradient, ground=0.0)
-    step.direction.copy_(torch.tensor([[[1.0, -2, 3]] * 3]))
-    assert step.project().tolist() == [[[1, 0, 3], [1, -2, 3], [1, -2, 3]]]
+    step, energy = step_of(vertices, gradient, ground=0.0)
+    found = open_to(step, energy, torch.tensor([[[1.0, -2, 3]] * 3]))
+    assert found.tolist() == [[[1, 0, 3], [1, -2, 3], [1, -2, 3]]]
 
 
 @pytest.mark.parametrize(("height", "slides"), [(-1e-3, True), (9e-6, True), (2e-5, False)])
 def test_what_is_nearer_than_a_hundredth_of_a_millimetre_touches(height, slides):
-    step, _ = step_of(at(height, 1.0, 1.0), at(1.0, 1.0, 1.0), ground=0.0)
-    step.direction.fill_(-1.0)
-    assert (step.project()[0, 0, 1] == 0) == slides
+    step, energy = step_of(at(height, 1.0, 1.0), at(1.0, 1.0, 1.0), ground=0.0)
+    assert (open_to(step, energy, torch.full((1, 3, 3), -1.0))[0, 0, 1] == 0) == slides
 
 
 def test_a_step_ends_on_the_planes_and_not_below():
@@ -120,8 +128,7 @@ def test_pinned_vertices_go_nowhere_not_even_out_of_the_ground(ground):
     loose = torch.tensor([False, True, True])
     vertices = at(-0.2, 1.0, 1.0)
     step, energy = step_of(vertices, 0 * vertices, loose=loose, ground=ground)
-    step.direction.fill_(0.25)
-    assert step.project()[0, :, 0].tolist() == [0, 0.25, 0.25]
+    assert open_to(step, energy, torch.full((1, 3, 3), 0.25))[0, :, 0].tolist() == [0, 0.25, 0.25]
     step.advance()
     assert torch.equal(energy.vertices[0, 0], vertices[0, 0])
     np.testing.assert_allclose(energy.vertices[0, 1:, 1], 1.25)
@@ -141,8 +148,7 @@ def test_far_from_any_obstacle_all_directions_are_open():
     step = ConstrainedStep(energy, None, contact)
     step.vertices.copy_(vertices)
     step.gradient.fill_(1.0)
-    step.direction.fill_(-2.0)
-    assert step.project().eq(-2.0).all()
+    assert open_to(step, energy, torch.full((1, 3, 3), -2.0)).eq(-2.0).all()
     step.advance()
     torch.testing.assert_close(energy.vertices, vertices - 2)
     assert contact.depth.item() == 0

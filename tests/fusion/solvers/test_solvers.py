@@ -124,7 +124,7 @@ def test_remembered_steps_act_as_the_two_loop_recursion():
         assert torch.equal(begun.gradient, energy.gradient)
         kept = [*kept, (step, change)][-PAIRS:]
         gradient = noise(frames, size)
-        begun.open_gradient.copy_(gradient.view(shape))
+        begun.gradient.copy_(gradient.view(shape))
         memory.prepare()
         memory.solution.copy_(0.3 * memory.right)
         memory.lead()
