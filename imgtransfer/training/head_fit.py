@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +21,7 @@ from imgtransfer.network.local_view import mirrored_features
 from imgtransfer.network.places import ring_of_place
 from imgtransfer.running.task import in_worker
 from imgtransfer.training.divergence import Diverged
-from imgtransfer.training.head_choice import Choice, choose
+from imgtransfer.training.head_choice import READ, Choice, Networks, choose
 from imgtransfer.training.head_frames import HeadFrames
 from imgtransfer.training.left_out import left_out_groups
 from imgtransfer.training.sampler import Frames
@@ -32,8 +33,7 @@ TYPICAL_FRAMES = 128  # that principal directions and images are found from
 AXES, POSITION_IMAGES, NORMAL_IMAGES = 64, 16, 8  # more do not lower the error of left-out clips
 # Of the kernel's length that the few samples of the choice bear, where all are fitted: chosen by leaving clips out.
 SHORTER = 0.5
-# Typical squared distance of what networks make of frames, as a part of that of the body's features: chosen so, too.
-READ, READ_AXES = 0.2, 32
+READ_AXES = 32  # of what networks make of the frames
 GROUPS = 5  # of clips, each left out once
 _BATCH = 16
 _STEPS_BACK = 4
@@ -117,7 +117,9 @@ class HeadFit:
         parts = [self._seen(some) for some in batches]
         features, wanted, predicted = (torch.cat(of) for of in zip(*parts, strict=True))
         features, read = features.tensor_split([features.shape[-1] - self._read], dim=-1)
-        choice = self._choice(features, wanted, predicted, self._groups(batches, group))
+        choice = self._choice(features, read, wanted, predicted, self._groups(batches, group))
+        if self._config.choice_steps:  # more samples need the networks less
+            choice = replace(choice, reliance=choice.reliance * (len(typical) / frames) ** 0.5)
         residuals, count = wanted - choice.reliance * predicted, len(features)
         sizes = HeadSizes(
             features=features.shape[-1],
@@ -154,7 +156,9 @@ class HeadFit:
         """Of the kernel, in typical distances between samples."""
         return self._config.smoothness * (SHORTER if self._config.choice_steps else 1)
 
-    def _choice(self, features: Tensor, wanted: Tensor, predicted: Tensor, group: np.ndarray) -> Choice:
+    def _choice(
+        self, features: Tensor, read: Tensor, wanted: Tensor, predicted: Tensor, group: np.ndarray
+    ) -> Choice:
         """How much features, regularisation and networks count; positions and normals weigh alike."""
         scale = (
             (wanted - wanted.mean(0)).unflatten(-1, (2, 3)).square().mean((0, 1, 3)).sqrt().clamp(min=1e-9)
@@ -166,10 +170,14 @@ class HeadFit:
             told = ~self._alone
         at_patches = [at for at, one in zip(self._patches.pixels, told.tolist(), strict=True) if one]
         pixels = [torch.from_numpy(at).to(wanted.device) for at in at_patches]
+        networks = None
+        if predicted.any():
+            given = [(predicted[:, at] / scale).flatten(1) for at in pixels]
+            networks = Networks(given, read[:, told] if self._read else None)
         return choose(
             features[:, told],
             [(wanted[:, at] / scale).flatten(1) for at in pixels],
-            [(predicted[:, at] / scale).flatten(1) for at in pixels] if predicted.any() else None,
+            networks,
             rings=rings(features.shape[-1]),
             group=group,
             smoothness=self._config.smoothness,
