@@ -26,6 +26,7 @@ _RATE = 0.15  # of Adam, in logarithms
 # Typical squared distance of what networks make of frames, as a part of that of the body's features: chosen by leaving
 # clips out.
 READ = 0.2
+_ROUNDING = 1e-8  # squared errors that are such a part of others are those of numbers, not of predictions
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +125,9 @@ def _relied_on(
     for patch in patches:
         errors = patch.left_out(rings, ridge, groups)
         moments += torch.einsum("nir,njr->ij", errors, errors)
-    reliance = max(float(moments[0, 1] / moments[1, 1]), 0.0) if moments[1, 1] > 0 else 1.0
+    if moments[1, 1] <= _ROUNDING * moments[0, 0]:
+        return choice
+    reliance = max(float(moments[0, 1] / moments[1, 1]), 0.0)
     error = moments[0, 0] - 2 * reliance * moments[0, 1] + reliance**2 * moments[1, 1]
     return replace(choice, reliance=reliance, error=float(error) / first)
 

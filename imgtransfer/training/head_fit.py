@@ -229,11 +229,14 @@ def fit_head(
 
     Args:
         model: which has none. frames: of the training. batch, covered, mirror: see `HeadFit`.
-        reads: whether the head is told what the model's networks make of the frames.
+        reads: whether the head is told what the model's networks make of the frames; they are rounded then.
 
     Raises:
         Diverged: equations that have no solution, or none of finite numbers.
     """
+    if reads:
+        for network in (model.position_net, model.normal_net):
+            network.load_state_dict({key: _as_stored(value) for key, value in network.state_dict().items()})
     fit = HeadFit(
         config=model.network.head,
         patches=template_patches(
