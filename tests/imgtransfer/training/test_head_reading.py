@@ -21,7 +21,7 @@ from imgtransfer.training.head_fit import beside
 from imgtransfer.training.loop import train
 from imgtransfer.training.trainer import Trainer
 from render import InputError
-from tests.imgtransfer.training.test_head_fit import head_config
+from tests.helpers.training import head_config
 
 
 @pytest.fixture(scope="module")
