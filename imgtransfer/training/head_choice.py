@@ -184,12 +184,11 @@ def _problems(
         apart /= typical_distance(apart.sum(0).numpy()) * 2 * smoothness**2
         wanted = residuals[patch].double().cpu()
         if networks is None:
-            yield _Problem(apart, *_components([wanted]))
+            yield _Problem(apart, _components([wanted])[0])
             continue
-        both = _components([wanted, networks.predicted[patch].double().cpu()])
-        yield _Problem(
-            apart, *both, None if networks.read is None else _typically_one(networks.read[:, patch])
-        )
+        own, given = _components([wanted, networks.predicted[patch].double().cpu()])
+        read = None if networks.read is None else _typically_one(networks.read[:, patch])
+        yield _Problem(apart, own, given, read)
 
 
 def _typically_one(points: Tensor) -> Tensor:
