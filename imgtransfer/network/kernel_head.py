@@ -2,14 +2,15 @@
 
 Training it takes a minute where the networks take an hour; they correct what it leaves. For each patch of cloth
 (`network.head_patches`) it is told how the body around the patch's centre has moved, in the patch's own axes
-(`network.local_view`), and predicts the residual to the first guess, in that guess's axes. What goes in are few
+(`network.local_view`), perhaps what trained networks make of it (`network.reading`), and predicts the residual to the
+first guess, in that guess's axes. What goes in are few
 principal directions of the former, what comes out weights of few principal images of the latter; between them stands a
 kernel that compares with training frames (`network.kernel_ridge`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from imgtransfer.network.local_view import mirrored_features
 from imgtransfer.network.maps import BodyMaps
 
 EARLIER = 0.12  # weight of what was another at earlier times, beside what is now: chosen by leaving clips out
+Values = Callable[[Tensor], Tensor]  # (P, B, M) kernel -> (P, B, R) values
 
 
 class KernelHead(nn.Module):
@@ -31,14 +33,16 @@ class KernelHead(nn.Module):
         mask: (S, H, W) bool, the silhouette.
         sizes: of what the training found.
 
-    The buffers are zeros until they are filled: mean (P, F) and axes (P, F, D) of the features, support (P, M, D),
-    width (P,), weights (P, M, R), offset (P, R), base (L, 6), and the images that the R values of a patch weigh,
-    orthonormal: position_basis (Q, 3, A) and normal_basis (Q, 3, R - A), for the Q pixels of all patches, one patch
-    after the other.
+    The buffers are zeros until they are filled: mean (P, F) and axes (P, F, D) of the features, read_mean (P, E) and
+    read_axes (P, E, D') of what networks make of the frames, where that is read, support (P, M, D + D'), width (P,),
+    weights (P, M, R), offset (P, R), base (L, 6), and the images that the R values of a patch weigh, orthonormal:
+    position_basis (Q, 3, A) and normal_basis (Q, 3, R - A), for the Q pixels of all patches, one patch after the other.
     """
 
     mean: Tensor
     axes: Tensor
+    read_mean: Tensor
+    read_axes: Tensor
     support: Tensor
     width: Tensor
     weights: Tensor
@@ -64,17 +68,25 @@ class KernelHead(nn.Module):
         self._views = mask.shape
         self._rows = [int(start) for start in np.cumsum([0, *map(len, patches.pixels)])]
 
+    @property
+    def reads(self) -> bool:
+        """Whether it is told what networks make of the frames, `read` of `forward`."""
+        return self.sizes.read > 0
+
     def forward(
         self,
         local: Tensor,
         *,
-        values: Callable[[Tensor], Tensor] | None = None,
+        read: Sequence[Tensor] = (),
+        values: Values | None = None,
         mirrored: bool = False,
     ) -> tuple[Tensor, Tensor]:
         """The residuals of B frames.
 
         Args:
             local: (B, S, rows, columns, K + 1, L, 3), what `LocalView` tells of them.
+            read: what networks make of them, and if `mirrored` of the mirrored ones (`reading.read_frames`); for a head
+                that `reads`.
             values: (P, B, M) kernel -> (P, B, R), such as of a head that has not seen these frames; this one's if None.
             mirrored: whether to take the mean with what is predicted for the mirrored scene, mirrored back.
 
@@ -84,9 +96,10 @@ class KernelHead(nn.Module):
         # Samples that lie near each other differ by less than bfloat16 tells apart, and large weights of either sign
         # nearly cancel: rounded products put validation clips of T-shirts 1.7 mm farther off.
         with torch.autocast(local.device.type, enabled=False):
-            pixels = self._predicted(local.float(), values)
+            pixels = self._predicted(local.float(), read[0] if self.reads else None, values)
             if mirrored:
-                other = self._predicted(mirrored_features(local.float()), values)
+                told = mirrored_features(local.float()), read[1] if self.reads else None
+                other = self._predicted(*told, values)
                 pixels = (pixels + self.mirrored(other)) / 2
             return self._images(pixels)
 
@@ -94,18 +107,21 @@ class KernelHead(nn.Module):
         """Residuals (B, L, 6) of positions and of normals -> those of the mirrored scene."""
         return pixels[:, self._other] * pixels.new_tensor([-1.0, 1.0, 1.0]).repeat(2)
 
-    def _predicted(self, local: Tensor, values: Callable[[Tensor], Tensor] | None) -> Tensor:
+    def _predicted(self, local: Tensor, read: Tensor | None, values: Values | None) -> Tensor:
         """(B, L, 6), the residuals without what `forward` makes of the mirrored scene."""
-        return self._pixels(
-            (values or self.values)(self.kernel(self.features(head_features(local, self._tokens))))
-        )
+        features = self.features(head_features(local, read, self._tokens))
+        return self._pixels((values or self.values)(self.kernel(features)))
 
     def features(self, features: Tensor) -> Tensor:
-        """(B, P, F) -> (P, B, D): in the principal directions."""
-        return (features.movedim(1, 0) - self.mean[:, None]) @ self.axes
+        """(B, P, F + E) -> (P, B, D + D'): in the principal directions."""
+        told, read = features.movedim(1, 0).tensor_split([self.sizes.features], dim=-1)
+        own = (told - self.mean[:, None]) @ self.axes
+        if not self.reads:
+            return own
+        return torch.cat([own, (read - self.read_mean[:, None]) @ self.read_axes], dim=-1)
 
     def kernel(self, features: Tensor) -> Tensor:
-        """(P, B, D) -> (P, B, M), see `kernel_ridge.matern`."""
+        """(P, B, D + D') -> (P, B, M), see `kernel_ridge.matern`."""
         squared = features.square().sum(-1)[..., None] + self.support.square().sum(-1)[:, None]
         squared = (squared - 2 * features @ self.support.mT).clamp(min=0)
         r = (squared * (3 / self.width)[:, None, None]).sqrt()
@@ -161,12 +177,16 @@ class HeadSizes:
 
     Args:
         features: F, numbers that tell of the body around a patch. axes: D, principal directions that are kept.
+        read: E, numbers that tell what networks make of a patch. read_axes: D', of their principal directions. Both are
+            0 where nothing is read.
         support: M, samples that a frame is compared with.
         position_images, normal_images: A and R - A, principal images of the residuals.
     """
 
     features: int
     axes: int
+    read: int
+    read_axes: int
     support: int
     position_images: int
     normal_images: int
@@ -203,10 +223,12 @@ def buffer_shapes(patches: Patches, pixels: int, sizes: HeadSizes) -> dict[str, 
     """The shapes of a head's buffers by name; see `KernelHead`."""
     count, rows = len(patches.tokens), sum(map(len, patches.pixels))
     values = sizes.position_images + sizes.normal_images
+    read = {"read_mean": (count, sizes.read), "read_axes": (count, sizes.read, sizes.read_axes)}
     return {
+        **(read if sizes.read else {}),
         "mean": (count, sizes.features),
         "axes": (count, sizes.features, sizes.axes),
-        "support": (count, sizes.support, sizes.axes),
+        "support": (count, sizes.support, sizes.axes + sizes.read_axes),
         "width": (count,),
         "weights": (count, sizes.support, values),
         "offset": (count, values),
@@ -223,30 +245,36 @@ def sizes_of(tensors: Mapping[str, Tensor]) -> HeadSizes:
         KeyError, ValueError: one is missing, or of another number of axes.
     """
     _, features, axes = tensors["axes"].shape
+    _, read, read_axes = tensors["read_axes"].shape if "read_axes" in tensors else (0, 0, 0)
     _, support, _ = tensors["weights"].shape
     _, _, positions = tensors["position_basis"].shape
     _, _, normals = tensors["normal_basis"].shape
-    return HeadSizes(features, axes, support, positions, normals)
+    return HeadSizes(features, axes, read, read_axes, support, positions, normals)
 
 
-def head_features(local: Tensor, tokens: Tensor) -> Tensor:
-    """(B, S, rows, columns, K + 1, L, 3) -> (B, P, F) of the patches' tokens, without the vertical."""
+def head_features(local: Tensor, read: Tensor | None, tokens: Tensor) -> Tensor:
+    """What a head is told of its patches, whose tokens are `tokens` (P,): the body, without the vertical, and `read`.
+
+    (B, S, rows, columns, K + 1, L, 3) and (B, S, rows, columns, E) -> (B, P, F + E).
+    """
     own = local.flatten(1, 3)[:, tokens, :-1]
-    return torch.cat([own[..., :1, :], EARLIER * own[..., 1:, :]], dim=-2).flatten(2)
+    told = torch.cat([own[..., :1, :], EARLIER * own[..., 1:, :]], dim=-2).flatten(2)
+    return told if read is None else torch.cat([told, read.flatten(1, 3)[:, tokens]], dim=-1)
 
 
 def corrected(
     head: KernelHead,
     body: BodyMaps,
     *,
-    values: Callable[[Tensor], Tensor] | None = None,
+    read: Sequence[Tensor] = (),
+    values: Values | None = None,
     mirrored: bool = False,
 ) -> BodyMaps:
     """`body` with the residuals that a head predicts added to the first guess; the rest as of `KernelHead.forward`."""
     guess, local = body.guess, body.local
     assert guess is not None  # the configuration sees to both
     assert local is not None
-    positions, normals = head(local, values=values, mirrored=mirrored)
+    positions, normals = head(local, read=read, values=values, mirrored=mirrored)
     better = replace(
         guess,
         positions=guess.positions + guess.turn(positions),

@@ -91,6 +91,16 @@ class LocalTransferNet(nn.Module):
         tokens: Tensor = self.encoder(template)
         return tokens
 
+    def refined(self, tokens: Tensor, local: Tensor) -> Tensor:
+        """(B, P, dim), the tokens that `patches` reads the residual from, with the same arguments."""
+        motion = self.motion((local / self.scale).flatten(-3))
+        garment = tokens + motion
+        body = self.norm_motion(motion)
+        for block in self.refinement:
+            garment = block(garment, body)
+        refined: Tensor = self.norm(garment)
+        return refined
+
     def patches(self, tokens: Tensor, local: Tensor) -> Tensor:
         """Transfer a batch of frames, patch by patch.
 
@@ -101,13 +111,9 @@ class LocalTransferNet(nn.Module):
         Returns:
             (B, P, patch, patch, 3) float32, the residual in the first guess's axes, see `network.residuals`.
         """
-        motion = self.motion((local / self.scale).flatten(-3))
-        garment = tokens + motion
-        body = self.norm_motion(motion)
-        for block in self.refinement:
-            garment = block(garment, body)
         side = self.config.vit.patch
-        return self.to_patch(self.norm(garment)).to(torch.float32).unflatten(-1, (side, side, 3))
+        patches = self.to_patch(self.refined(tokens, local)).to(torch.float32)
+        return patches.unflatten(-1, (side, side, 3))
 
     def forward(self, template: TemplateView, local: Tensor, *, tokens: Tensor | None = None) -> Tensor:
         """Transfer a batch of frames.

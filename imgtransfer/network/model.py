@@ -14,13 +14,14 @@ from imgtransfer.data.canonical import RootFrames, root_frames
 from imgtransfer.data.clip import Clip
 from imgtransfer.network.config import MapsConfig, NetworkConfig
 from imgtransfer.network.history import History
-from imgtransfer.network.kernel_head import KernelHead, corrected
+from imgtransfer.network.kernel_head import KernelHead, Values, corrected
 from imgtransfer.network.laid_out import garment_imager, layouts_of
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.maps import BodyImager, BodyMaps, ImagePair, covered, metric_maps
 from imgtransfer.network.mirror import Garment, Mirror
 from imgtransfer.network.pair import encoded, transferred
 from imgtransfer.network.prediction import Prediction, ShownFrames
+from imgtransfer.network.reading import Version, read_frames
 from imgtransfer.network.residuals import averaged_images, corrected_images
 from imgtransfer.network.shapes import as_it_hangs, check_clip, same_faces, same_template
 from imgtransfer.network.skinned import skinned_frames
@@ -181,10 +182,13 @@ class TransferModel(nn.Module):
         given = transferred((self.position_net, self.normal_net), body, garment or self.garment(), tokens)
         return ImagePair(*given) if body.guess is None else corrected_images(body.guess, given, self.box)
 
-    def guessed(self, body: BodyMaps, values: Callable[[Tensor], Tensor] | None = None) -> BodyMaps:
+    def guessed(self, body: BodyMaps, versions: Sequence[Version], values: Values | None = None) -> BodyMaps:
         """Maps of posed bodies with the head's first guess, if there is one; `values` of `KernelHead.forward`."""
-        average = self.mirrored_average
-        return body if self.head is None else corrected(self.head, body, values=values, mirrored=average)
+        if self.head is None:
+            return body
+        networks = (self.position_net, self.normal_net)
+        read = read_frames(networks, versions, body.local) if self.head.reads else ()
+        return corrected(self.head, body, read=read, values=values, mirrored=self.mirrored_average)
 
     def calibrate(self, typical: Sequence[tuple[BodyMaps, Garment]]) -> None:
         """Let parts that need it take their statistics from maps of typical frames, of each outfit with its template.
@@ -207,13 +211,12 @@ class TransferModel(nn.Module):
         """The template's tokens of both networks, to be given to `forward`; `hidden` as of `TrunkCache.template`."""
         return encoded((self.position_net, self.normal_net), garment, hidden)
 
-    def versions(self, garment: Garment, mirror: Mirror) -> list[tuple[Garment, tuple[Tensor, Tensor]]]:
-        """A template as the networks see it, and mirrored, each with its tokens: for `averaged`."""
-        return [(version, self.encode_garment(version)) for version in (garment, mirror.seen(garment))]
+    def versions(self, garment: Garment, mirror: Mirror | None) -> list[Version]:
+        """A template as the networks see it, and with `mirror` mirrored, each with its tokens."""
+        seen = [garment] if mirror is None else [garment, mirror.seen(garment)]
+        return [(version, self.encode_garment(version)) for version in seen]
 
-    def averaged(
-        self, body: BodyMaps, mirror: Mirror, versions: Sequence[tuple[Garment, tuple[Tensor, Tensor]]]
-    ) -> ImagePair:
+    def averaged(self, body: BodyMaps, mirror: Mirror, versions: Sequence[Version]) -> ImagePair:
         """Images as `forward` gives them, averaged with those of the mirrored scene, mirrored back.
 
         The mirrored scene's first guess is the first guess mirrored, so its residual alone is mirrored back.
@@ -294,13 +297,9 @@ class Predictor:
         shown = clip if hangs is None else as_it_hangs(clip, hangs, model.general, model.source)
         self._model = model = model.dressed(shown)
         self._body = model.body_imager(shown)
-        self._garment = model.seen(self._body)
-        self._mirror: Mirror | None = None
-        if model.mirrored_average:
-            self._mirror = Mirror(model.imager, model.mask, self._body.mask, model.box)
-            self._versions = model.versions(self._garment, self._mirror)
-        else:
-            self._tokens = model.encode_garment(self._garment)
+        average = model.mirrored_average
+        self._mirror = Mirror(model.imager, model.mask, self._body.mask, model.box) if average else None
+        self._versions = model.versions(model.seen(self._body), self._mirror)
         self._history = None if self._body.view is None else History(model.network.history_s, clip.fps)
         of_another_shape = not same_template(clip, model.imager.mesh)
         self.imager = model.imager  # of the garment's template
@@ -332,7 +331,7 @@ class Predictor:
         """The maps of some frames, in one batch; by any thread."""
         model = self._model
         body = self._body(shown.body, earlier=shown.earlier, up=shown.up, skinned=shown.skinned)
-        images = self._images(model.guessed(body))
+        images = self._images(model.guessed(body, self._versions))
         if not (images.positions.isfinite().all() and images.normals.isfinite().all()):
             raise InputError(
                 f"{model.source}: predicts values that are not finite; the file is damaged, or the training diverged"
@@ -345,6 +344,6 @@ class Predictor:
 
     def _images(self, body: BodyMaps) -> ImagePair:
         if self._mirror is None:
-            images: ImagePair = self._model(body, garment=self._garment, tokens=self._tokens)
+            images: ImagePair = self._model(body, garment=self._versions[0][0], tokens=self._versions[0][1])
             return images
         return self._model.averaged(body, self._mirror, self._versions)

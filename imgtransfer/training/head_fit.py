@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,13 +16,13 @@ from imgtransfer.network.base import Guess
 from imgtransfer.network.config import HeadConfig
 from imgtransfer.network.head_patches import Patches, mirrored_pixels, template_patches
 from imgtransfer.network.kernel_head import HeadSizes, KernelHead, LeftOut, head_features
-from imgtransfer.network.kernel_ridge import fit_ridge, typical_width
+from imgtransfer.network.kernel_ridge import fit_ridge, squared_distances, typical_distance, typical_width
 from imgtransfer.network.local_view import mirrored_features
-from imgtransfer.network.maps import BodyMaps, ImagePair
 from imgtransfer.network.places import ring_of_place
 from imgtransfer.running.task import in_worker
 from imgtransfer.training.divergence import Diverged
-from imgtransfer.training.head_choice import Choice, choose
+from imgtransfer.training.head_choice import READ, Choice, Networks, choose
+from imgtransfer.training.head_frames import HeadFrames
 from imgtransfer.training.left_out import left_out_groups
 from imgtransfer.training.sampler import Frames
 from render import PositionBox, decode_normals
@@ -32,11 +33,14 @@ TYPICAL_FRAMES = 128  # that principal directions and images are found from
 AXES, POSITION_IMAGES, NORMAL_IMAGES = 64, 16, 8  # more do not lower the error of left-out clips
 # Of the kernel's length that the few samples of the choice bear, where all are fitted: chosen by leaving clips out.
 SHORTER = 0.5
+# Where networks are read, principal directions of the body's features and of what networks make of frames. Either would
+# gain a third of a percent with 64, and the model's file would be 2.7 MB larger.
+AXES_BESIDE, READ_AXES = 48, 32
 GROUPS = 5  # of clips, each left out once
 _BATCH = 16
 _STEPS_BACK = 4
 
-Batch = Callable[[Tensor], tuple[BodyMaps, ImagePair, Guess | None]]
+Batch = Callable[[Tensor], HeadFrames]
 
 
 class HeadFit:
@@ -48,8 +52,8 @@ class HeadFit:
         mask: (S, H, W) bool, its silhouette. covered: (S, rows, columns) bool, the tokens that show any of it.
         box: of the encoded positions.
         mirror: whether each frame counts mirrored, too; all views are from the front or the back.
-        batch: what the networks are shown of frames (B,), without a head, the true images, and where the run begins
-            with trained networks, what those predict.
+        read: how many numbers it is told of what networks make of a patch; 0 for none.
+        batch: training frames by their numbers (B,).
     """
 
     def __init__(
@@ -61,10 +65,11 @@ class HeadFit:
         covered: Tensor,
         box: PositionBox,
         mirror: bool,
+        read: int,
         batch: Batch,
     ) -> None:
         self._config, self._patches, self._mask, self._box = config, patches, mask, box
-        self._batch, self._mirror = batch, mirror
+        self._batch, self._mirror, self._read = batch, mirror, read
         self._tokens = torch.from_numpy(patches.tokens).to(mask.device)
         # Patches whose mirror image shows no cloth.
         self._alone = ~covered.flip(-1).flatten()[self._tokens]
@@ -113,11 +118,16 @@ class HeadFit:
         batches = list(typical.split(_BATCH))
         parts = [self._seen(some) for some in batches]
         features, wanted, predicted = (torch.cat(of) for of in zip(*parts, strict=True))
-        choice = self._choice(features, wanted, predicted, self._groups(batches, group))
+        features, read = features.tensor_split([features.shape[-1] - self._read], dim=-1)
+        choice = self._choice(features, read, wanted, predicted, self._groups(batches, group))
+        if self._config.choice_steps:  # more samples need the networks less
+            choice = replace(choice, reliance=choice.reliance * (len(typical) / frames) ** 0.5)
         residuals, count = wanted - choice.reliance * predicted, len(features)
         sizes = HeadSizes(
             features=features.shape[-1],
-            axes=min(AXES, count, features.shape[-1]),
+            axes=min(AXES_BESIDE if self._read else AXES, count, features.shape[-1]),
+            read=self._read,
+            read_axes=min(READ_AXES, count, self._read),
             support=min(self._config.support, frames * (1 + self._mirror)),
             position_images=min(POSITION_IMAGES, count),
             normal_images=min(NORMAL_IMAGES, count),
@@ -129,8 +139,13 @@ class HeadFit:
         first = 0
         for number, pixels in enumerate(self._patches.pixels):
             own = features[:, number] - head.mean[number]
-            head.width[number] = typical_width(own.double().cpu().numpy(), self._length)
+            head.width[number] = typical_width(_numbers(own), self._length)
             head.axes[number] = _as_stored(factors * principal(own * factors[:, 0], sizes.axes))
+            if head.reads:
+                head.read_mean[number] = _as_stored(read[:, number].mean(0))
+                its = read[:, number] - head.read_mean[number]
+                factor = beside(own @ head.axes[number], its)
+                head.read_axes[number] = _as_stored(factor * principal(its, sizes.read_axes))
             at = torch.from_numpy(pixels).to(residuals.device)
             left = residuals[:, at] - head.base[at]
             rows = slice(first, first := first + len(pixels))
@@ -143,7 +158,9 @@ class HeadFit:
         """Of the kernel, in typical distances between samples."""
         return self._config.smoothness * (SHORTER if self._config.choice_steps else 1)
 
-    def _choice(self, features: Tensor, wanted: Tensor, predicted: Tensor, group: np.ndarray) -> Choice:
+    def _choice(
+        self, features: Tensor, read: Tensor, wanted: Tensor, predicted: Tensor, group: np.ndarray
+    ) -> Choice:
         """How much features, regularisation and networks count; positions and normals weigh alike."""
         scale = (
             (wanted - wanted.mean(0)).unflatten(-1, (2, 3)).square().mean((0, 1, 3)).sqrt().clamp(min=1e-9)
@@ -155,10 +172,14 @@ class HeadFit:
             told = ~self._alone
         at_patches = [at for at, one in zip(self._patches.pixels, told.tolist(), strict=True) if one]
         pixels = [torch.from_numpy(at).to(wanted.device) for at in at_patches]
+        networks = None
+        if predicted.any():
+            given = [(predicted[:, at] / scale).flatten(1) for at in pixels]
+            networks = Networks(given, read[:, told] if self._read else None)
         return choose(
             features[:, told],
             [(wanted[:, at] / scale).flatten(1) for at in pixels],
-            [(predicted[:, at] / scale).flatten(1) for at in pixels] if predicted.any() else None,
+            networks,
             rings=rings(features.shape[-1]),
             group=group,
             smoothness=self._config.smoothness,
@@ -179,19 +200,21 @@ class HeadFit:
         """Frames, and then the same mirrored: features (n, P, F); residuals (n, L, 6) in the guess's axes, and how much
         of them networks predict.
         """
-        body, truth, predicted = self._batch(index)
+        its = self._batch(index)
+        body, truth, predicted = its.body, its.truth, its.predicted
         assert body.guess is not None  # the configuration sees to both
         assert body.local is not None
+        read = its.read or (None, None)
         decoded = self._box.decode(truth.positions), decode_normals(truth.normals)
         wanted = self._from_guess(body.guess, *decoded)
         given = torch.zeros_like(wanted)
         if predicted is not None:
             given = self._from_guess(body.guess, predicted.positions, predicted.normals)
-        features = head_features(body.local, self._tokens)
+        features = head_features(body.local, read[0], self._tokens)
         if not self._mirror:
             return features, wanted, given
         sign = wanted.new_tensor([-1.0, 1.0, 1.0]).repeat(2)
-        mirrored = head_features(mirrored_features(body.local), self._tokens)
+        mirrored = head_features(mirrored_features(body.local), read[1], self._tokens)
         wanted, given = (torch.cat([images, images[:, self._other] * sign]) for images in (wanted, given))
         return torch.cat([features, mirrored]), wanted, given
 
@@ -202,16 +225,20 @@ class HeadFit:
 
 
 def fit_head(
-    model: TransferModel, frames: Frames, batch: Batch, *, covered: Tensor, mirror: bool
+    model: TransferModel, frames: Frames, batch: Batch, *, covered: Tensor, mirror: bool, reads: bool
 ) -> tuple[KernelHead, LeftOut, Choice]:
     """Fit the head of a model to training frames, with a bar.
 
     Args:
         model: which has none. frames: of the training. batch, covered, mirror: see `HeadFit`.
+        reads: whether the head is told what the model's networks make of the frames; they are rounded then.
 
     Raises:
         Diverged: equations that have no solution, or none of finite numbers.
     """
+    if reads:
+        for network in (model.position_net, model.normal_net):
+            network.load_state_dict({key: _as_stored(value) for key, value in network.state_dict().items()})
     fit = HeadFit(
         config=model.network.head,
         patches=template_patches(
@@ -221,6 +248,7 @@ def fit_head(
         covered=covered,
         box=model.box,
         mirror=mirror,
+        read=2 * model.network.vit.dim if reads else 0,
         batch=batch,
     )
     bar = partial(tqdm, desc="first guess", unit="batch", leave=False, delay=2, disable=in_worker() or None)
@@ -246,6 +274,12 @@ def rings(features: int) -> Tensor:
     return (ring[:, None] * times + torch.arange(times))[..., None].expand(-1, -1, 3).flatten()
 
 
+def beside(body: Tensor, read: Tensor) -> float:
+    """By what to multiply what networks make of samples (n, E), to stand beside what the body does (n, D): `READ`."""
+    distances = [typical_distance(squared_distances(each, each)) for each in (_numbers(body), _numbers(read))]
+    return float(np.sqrt(READ * distances[0] / distances[1]))
+
+
 def turned_back(guess: Guess, vectors: Tensor) -> Tensor:
     """(B, S, H, W, 3) in the canonical frame's axes -> what `guess.turn` makes them of.
 
@@ -269,6 +303,11 @@ def principal(samples: Tensor, count: int) -> Tensor:
     length = directions.norm(dim=0)
     kept = length > 1e-6 * length.max().clamp(min=1e-12)
     return torch.where(kept, directions / length, torch.zeros_like(directions)).float()
+
+
+def _numbers(values: Tensor) -> np.ndarray:
+    """On the processor, float64."""
+    return values.double().cpu().numpy()
 
 
 def _as_stored(values: Tensor) -> Tensor:

@@ -26,7 +26,7 @@ def empty_head(model: TransferModel, weights: dict[str, Tensor], path: Path) -> 
         sizes = sizes_of(own)
         fits = {key: tuple(value.shape) for key, value in own.items()} == buffer_shapes(
             patches, int(mask.sum()), sizes
-        )
+        ) and sizes.read in (0, 2 * network.vit.dim)
     except (KeyError, ValueError):
         fits = False
     if not fits:
@@ -34,6 +34,15 @@ def empty_head(model: TransferModel, weights: dict[str, Tensor], path: Path) -> 
             f"{path}: the weights are of another architecture (those of network.head do not fit it)"
         )
     return KernelHead(patches, mask, sizes).to(mask.device)
+
+
+def check_trainable(head: KernelHead | None, folder: Path) -> None:
+    """Raise InputError where steps would change networks that the head of the run in `folder` reads."""
+    if head is not None and head.reads:
+        raise InputError(
+            f"{folder}: the head of this run reads the networks as they are, and training.steps above 0 would change "
+            f"them; choose another {Option('out')} for a new run"
+        )
 
 
 def left_out_heads(tensors: dict[str, Tensor], head: KernelHead, group: Tensor, path: Path) -> LeftOut:

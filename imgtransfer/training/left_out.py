@@ -30,12 +30,22 @@ def members(group: np.ndarray) -> list[Tensor]:
 def left_out_errors(kernel: Tensor, targets: Tensor, ridge: Tensor, groups: Sequence[Tensor]) -> Tensor:
     """What kernel ridge regression errs by on each group when it is fitted to the others.
 
+    Returns:
+        (G,) sums of squares of `left_out_residuals`.
+    """
+    residuals = left_out_residuals(kernel, targets, ridge, groups)
+    return torch.stack([residuals[left].square().sum() for left in groups])
+
+
+def left_out_residuals(kernel: Tensor, targets: Tensor, ridge: Tensor, groups: Sequence[Tensor]) -> Tensor:
+    """What kernel ridge regression errs by on each sample when it is fitted to the other groups.
+
     Args:
         kernel: (n, n) of the samples. targets: (n, R). ridge: (), strength of the regularisation.
-        groups: of each its samples, see `members`.
+        groups: of each its samples, see `members`; every sample is in one.
 
     Returns:
-        (G,) sums of squares, differentiable in all three.
+        (n, R) predictions less targets, differentiable in all three.
     """
     errors = []
     for left in groups:
@@ -45,8 +55,8 @@ def left_out_errors(kernel: Tensor, targets: Tensor, ridge: Tensor, groups: Sequ
         mean = targets[others].mean(dim=0)
         within = kernel[others][:, others] + ridge * torch.eye(len(others), dtype=kernel.dtype)
         weights = torch.cholesky_solve(targets[others] - mean, torch.linalg.cholesky(within))
-        errors.append((kernel[left][:, others] @ weights + mean - targets[left]).square().sum())
-    return torch.stack(errors)
+        errors.append(kernel[left][:, others] @ weights + mean - targets[left])
+    return torch.cat(errors)[torch.cat(list(groups)).argsort()]
 
 
 def principal_components(centred: Tensor, count: int) -> Tensor:

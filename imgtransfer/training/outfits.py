@@ -9,6 +9,7 @@ from imgtransfer.network.local_view import TemplateView
 from imgtransfer.network.maps import BodyImager
 from imgtransfer.network.mirror import Garment, Mirror
 from imgtransfer.network.model import TransferModel
+from imgtransfer.network.reading import Version
 from imgtransfer.training.sampler import Frames
 
 KEPT = 64  # what is constant for an outfit takes some tens of megabytes
@@ -46,6 +47,10 @@ class Outfit:
         mirror = Mirror(worn.imager, worn.mask, imager.mask, worn.box) if mirrored else None
         both = mirror is not None and not isinstance(garment, TemplateView)
         return cls(worn, imager, garment, mirror, mirror.both(garment) if mirror and both else garment)
+
+    def versions(self) -> list[Version]:
+        """The template as the networks see it, and where the run mirrors the mirrored one, each with its tokens."""
+        return self.model.versions(self.garment, self.mirror)
 
 
 class Outfits:

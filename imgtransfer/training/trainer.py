@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -12,7 +11,6 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from imgtransfer.network.base import Guess
 from imgtransfer.network.kernel_head import LeftOut
 from imgtransfer.network.local_transfer import LocalTransferNet
 from imgtransfer.network.local_view import TemplateView
@@ -24,6 +22,8 @@ from imgtransfer.training.divergence import LossWatch
 from imgtransfer.training.geometry import measure_geometry
 from imgtransfer.training.head_choice import Choice
 from imgtransfer.training.head_fit import GROUPS, fit_head
+from imgtransfer.training.head_frames import HeadFrames, reads_networks
+from imgtransfer.training.head_state import check_trainable
 from imgtransfer.training.image_losses import ImageLosses
 from imgtransfer.training.kept import BEST_FILE, Best, keep_checkpoint
 from imgtransfer.training.left_out import left_out_groups
@@ -39,8 +39,8 @@ from imgtransfer.training.start import (
     preparation_mark,
 )
 from imgtransfer.training.state import Learner, Origin, Progress, load_state, save_state
-from imgtransfer.training.validation import FrameImages, Validation, predicted_images
-from render import InputError, decode_normals
+from imgtransfer.training.validation import FrameImages, Validation
+from render import InputError
 
 CALIBRATION_FRAMES, CALIBRATION_OUTFITS = 64, 12
 
@@ -106,7 +106,8 @@ class Trainer:
         """Fit what corrects the first guess, where the configuration wants that; before the first step.
 
         Where the run begins with a trained model, it is fitted to what that model's networks leave, and these give less
-        where that lowers the error of clips left out: they add up.
+        where that lowers the error of clips left out: they add up. Where the run also ends there, so that the networks
+        stay as they are, it is told what they make of each frame.
 
         Raises:
             InputError: damaged data, or a fit that gives no finite numbers.
@@ -123,9 +124,10 @@ class Trainer:
         head, left_out, choice = fit_head(
             self.model,
             self.train_frames,
-            self._batch_of_init,
+            self._shown_to_head,
             covered=garment.covered[0],
             mirror=self.config.training.mirror,
+            reads=reads_networks(self.config.training),
         )
         self.processes.take_from_main([*left_out.tensors().values()])
         self.model.head, self._left_out, self.head_choice = head, left_out, choice
@@ -245,22 +247,18 @@ class Trainer:
         left_out, values = self._left_out, None
         if left_out is not None and frames is self.train_frames:
             values = partial(left_out.values, index=index)
-        body = self.model.guessed(body, values)
+        reads = self.model.head is not None and self.model.head.reads
+        body = self.model.guessed(body, outfit.versions() if reads else (), values)
         positions, normals = metric_maps(outfit.model.imager, garment.to(self.device))
         return body, ImagePair.encode(positions, normals, outfit.model.mask, outfit.model.box)
 
     @torch.no_grad()
-    def _batch_of_init(self, index: Tensor) -> tuple[BodyMaps, ImagePair, Guess | None]:
-        """`batch` of training frames, and what the networks predict that the run begins with, metres and unit."""
+    def _shown_to_head(self, index: Tensor) -> HeadFrames:
+        """Training frames `index` (B,) as a head is fitted to them."""
         body, truth = self.batch(self.train_frames, index)
-        if self.config.training.init is None:
-            return body, truth, None  # the networks begin with 0
-        outfit = self._outfit(self.train_frames, index)
-        assert body.guess is not None  # the configuration sees to it
         self.model.eval()
-        images = predicted_images(outfit, body)
-        positions, normals = outfit.model.box.decode(images.positions), decode_normals(images.normals)
-        return body, truth, replace(body.guess, positions=positions, normals=normals)
+        outfit = self._outfit(self.train_frames, index)
+        return HeadFrames.of(outfit, body, truth, self.config.training)
 
     def validate(self) -> dict[str, float]:
         """Mean errors over the covered pixels of frames spread over the validation clips (`Validation`)."""
@@ -333,6 +331,8 @@ class Trainer:
         """
         group = left_out_groups(self.train_frames.clip_starts, GROUPS)
         progress, self._left_out = load_state(folder, self._learner(), self._origin(), group)
+        if self.config.training.steps:
+            check_trainable(self.model.head, folder)
         self.step, self.best = progress.step, progress.best
 
     def _save_model(self, path: Path) -> None:

@@ -139,5 +139,4 @@ def predicted_images(outfit: Outfit, body: BodyMaps) -> ImagePair:
     if outfit.mirror is None:
         images: ImagePair = outfit.model(body, garment=outfit.garment)
         return images
-    versions = outfit.model.versions(outfit.garment, outfit.mirror)
-    return outfit.model.averaged(body, outfit.mirror, versions)
+    return outfit.model.averaged(body, outfit.mirror, outfit.versions())

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from imgtransfer.config.loader import parse_config
 from imgtransfer.training.config import RunConfig
+from tests.helpers.models import LOCAL
 
 SMALL = {
     "maps": {"size": [32, 32]},
@@ -47,3 +48,15 @@ def hub_config(source: Path, folder: Path, **training: object) -> RunConfig:
     encoder = {"kind": "hub", "name": str(folder), "trained_blocks": 2}
     values["network"] |= {"encoder": encoder, "heads": 2}
     return parse_config(RunConfig, values, "small")
+
+
+def head_config(source: Path, *, head: dict[str, object] | None = None, **training: object) -> RunConfig:
+    """With a kernel head of three patches."""
+    data = {
+        "source": str(source),
+        "train": {"split": None, "exclude": ["*_test"]},
+        "validation": {"split": None, "names": ["*_test"]},
+    }
+    network = LOCAL | {"head": {"kind": "kernel", "patches": 3, "ridge": 1e-6} | (head or {})}
+    options = SMALL["training"] | {"schedule": "constant"} | training
+    return parse_config(RunConfig, SMALL | {"data": data, "network": network, "training": options}, "small")

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from imgtransfer.network.kernel_ridge import fit_ridge, typical_width
-from imgtransfer.training.head_choice import Choice, _Problem, choose
+from imgtransfer.training.head_choice import READ, Choice, Networks, _Problem, choose
 from imgtransfer.training.head_fit import rings
 
 RINGS = torch.tensor([0, 0, 1, 1, 2])
@@ -33,7 +33,8 @@ def chosen(features: Tensor, wanted: Tensor, predicted: Tensor | None = None, **
         "ridge": 0.01,
         "steps": 30,
     } | changes
-    return choose(features, [wanted], None if predicted is None else [predicted], **options)
+    networks = None if predicted is None else Networks([predicted], options.pop("read", None))
+    return choose(features, [wanted], networks, **options)
 
 
 def test_the_ring_that_tells_most_counts_most() -> None:
@@ -74,20 +75,57 @@ def test_networks_count_as_much_as_they_are_right(strength: float) -> None:
     assert chosen(features, wanted, predicted, steps=60).reliance == pytest.approx(expected, abs=0.1)
 
 
+def test_networks_do_not_change_what_the_body_is_found_to_say() -> None:
+    features, wanted = samples()
+    alone = chosen(features, wanted)
+    beside = chosen(features, wanted, wanted * 0.5 + 1e-3 * features[:, 0, :2])
+    assert torch.allclose(beside.factors, alone.factors, rtol=1e-3)
+    assert beside.ridge == pytest.approx(alone.ridge, rel=1e-3)
+
+
+@pytest.mark.parametrize("reads", [False, True])
+def test_what_networks_are_found_to_be_worth_by_a_plain_loop(reads: bool) -> None:
+    features, known = samples()
+    read = torch.randn(60, 1, 4, generator=torch.Generator().manual_seed(3))
+    wanted, predicted = known + read[:, 0, :2], known + 0.5 * read[:, 0, 1:3]
+    found = chosen(features, wanted, predicted, read=read if reads else None, steps=1)
+    own = features[:, 0].double().numpy()
+    length = typical_width(own, 2.0)
+    if reads:
+        apart = np.square(own[:, None] - own).sum(-1)
+        between = torch.cdist(read[:, 0].double(), read[:, 0].double()).square().numpy()
+        medians = [np.median(each[np.triu_indices(60, 1)]) for each in (apart, between)]
+        own = np.concatenate([own, read[:, 0].numpy() * np.sqrt(READ * medians[0] / medians[1])], axis=1)
+    errors = []
+    for targets in (wanted, predicted):
+        fit = fit_ridge(own, targets.numpy(), support=np.arange(60), group=GROUP, width=length, ridge=0.01)
+        parts = [fit(own[left == GROUP], own, which=1 + left) for left in range(5)]
+        errors.append(np.concatenate(parts) - targets.double().numpy())
+    candidates = np.linspace(0, 2, 2001)
+    sums = [np.square(errors[0] - part * errors[1]).sum() for part in candidates]
+    assert found.reliance == pytest.approx(candidates[np.argmin(sums)], abs=2e-3)
+    centred = wanted.double().numpy() - wanted.double().numpy().mean(0)
+    assert found.error == pytest.approx(min(sums) / np.square(centred).sum(), rel=1e-3)
+
+
+def test_networks_that_predict_nothing_right_do_not_count() -> None:
+    features, wanted = samples()
+    assert chosen(features, wanted, -wanted).reliance == 0
+
+
 def test_gradients_of_the_left_out_error() -> None:
     random = torch.Generator().manual_seed(2)
     points = torch.randn(9, 3, dtype=torch.float64, generator=random)
     distances = torch.stack(
         [torch.cdist(points[:, k : k + 1], points[:, k : k + 1]).square() for k in range(3)]
     )
-    wanted, predicted = torch.randn(2, 9, 2, dtype=torch.float64, generator=random)
-    problem = _Problem(distances, wanted, predicted)
+    problem = _Problem(distances, torch.randn(9, 2, dtype=torch.float64, generator=random))
     groups = [torch.arange(k, 9, 3) for k in range(3)]
 
-    def error(logarithms: Tensor, ridge: Tensor, reliance: Tensor) -> Tensor:
-        return problem.left_out_error(logarithms.exp(), ridge.exp(), reliance, groups)
+    def error(logarithms: Tensor, ridge: Tensor) -> Tensor:
+        return problem.left_out_error(logarithms.exp(), ridge.exp(), groups)
 
-    start = [torch.zeros(3), torch.tensor(-2.0), torch.tensor(0.7)]
+    start = [torch.zeros(3), torch.tensor(-2.0)]
     assert torch.autograd.gradcheck(error, [value.double().requires_grad_() for value in start])
 
 

@@ -11,7 +11,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.cli.main import main
-from imgtransfer.config.loader import load_config, parse_config, to_yaml
+from imgtransfer.config.loader import load_config, to_yaml
 from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.network.base import Guess
 from imgtransfer.network.local_view import mirrored_features
@@ -24,19 +24,7 @@ from imgtransfer.training.loop import train
 from imgtransfer.training.sampler import Frames
 from imgtransfer.training.trainer import Trainer
 from render import InputError
-from tests.helpers.models import LOCAL
-from tests.helpers.training import SMALL
-
-
-def head_config(source: Path, *, head: dict[str, object] | None = None, **training: object) -> RunConfig:
-    data = {
-        "source": str(source),
-        "train": {"split": None, "exclude": ["*_test"]},
-        "validation": {"split": None, "names": ["*_test"]},
-    }
-    network = LOCAL | {"head": {"kind": "kernel", "patches": 3, "ridge": 1e-6} | (head or {})}
-    options = SMALL["training"] | {"schedule": "constant"} | training
-    return parse_config(RunConfig, SMALL | {"data": data, "network": network, "training": options}, "small")
+from tests.helpers.training import head_config
 
 
 @pytest.fixture(scope="module")
