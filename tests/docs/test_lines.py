@@ -70,6 +70,9 @@ def _sets(changes: str) -> str:
 #: What is added to a line, by how it begins: the first that fits.
 ADDED = {
     "train configs/demo.yaml": _sets(_STEPS),
+    "train configs/general.yaml --init configs/general --data FOLDER": _sets(
+        "training.precision=float32 data.validation_frames=2 network.head.support=20 network.head.patches=3"
+    ),
     "train configs/general.yaml": _sets(_STEPS),
     "train configs/external.yaml": _sets(_TINY),
     "train configs/pretrain.yaml": _sets(_TINY),
