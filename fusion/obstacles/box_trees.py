@@ -40,7 +40,6 @@ class BoxTrees:
         self._boxes: torch.Tensor | None = None
         self._corners = torch.empty(0, len(faces), 3, 3, device=device)
         self._kept: Any = None  # what the struct's arrays belong to
-        self._struct: Any = None
 
     def fit(self, poses: torch.Tensor) -> Any:
         """The trees of poses (T, B, 3) float32, as kernels take them; the poses must not be changed while they do."""

@@ -14,6 +14,7 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 lane = wp.types.vector(8, wp.float32)
+# Nodes still to be looked at: seven a level and one more, so that nine levels, 2 · 8⁹ faces, have room.
 numbers = wp.types.vector(64, wp.int32)
 squares = wp.types.vector(64, wp.float32)
 # Metres that say that nothing is there.
@@ -30,7 +31,7 @@ class Trees:
     `inner` on are leaves, of which number l, counted from there, has faces start[l] to start[l + 1] of `order`."""
 
     inner: int
-    children: int
+    children: int  # 8, told at run time: loops over a constant are unrolled, which takes long to compile
     boxes: wp.array3d(dtype=lane)  # (T, inner, 6): least x, y, z and greatest x, y, z
     start: wp.array(dtype=int)
     order: wp.array(dtype=int)

@@ -1,4 +1,4 @@
-"""Warp kernels of `fusion.solvers.contact` and `fusion.solvers.system`: where steps of vertices may lead.
+"""Warp kernels of `contact`, `memory` and `system` in `fusion.solvers`: where steps of vertices may lead.
 
 Laid out as in `fusion.solvers.energy_kernels`. Products of whole frames are summed by blocks of vertices, a thread
 each; who reads them adds up the blocks, in double precision.
