@@ -9,6 +9,10 @@ from pathlib import Path
 from render import InputError
 
 
+class NoClip(InputError):
+    """There are clips, none of which is chosen."""
+
+
 def choose(
     source: str | Path,
     candidates: Sequence[str],
@@ -28,7 +32,7 @@ def choose(
         asked: how `candidates` were chosen, for the message; `present`: what they were chosen from.
 
     Raises:
-        InputError: nothing matches; the message lists what there is.
+        NoClip: nothing matches; the message lists what there is.
     """
     chosen = [
         name
@@ -41,7 +45,7 @@ def choose(
         wanted += [f"names {', '.join(names)}"] if names is not None else []
         wanted += [f"without {', '.join(exclude)}"] if exclude else []
         there = candidates if present is None else present
-        raise InputError(
+        raise NoClip(
             f"{source}: no clip matches ({'; '.join(wanted) or 'all'}); there are {some(there) or 'none'}"
         )
     return chosen

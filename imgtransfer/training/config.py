@@ -31,7 +31,7 @@ class DataConfig(Section):
 
     source: Path | Annotated[tuple[Path, ...], Field(min_length=1)] = Field(
         description="A data set folder, a folder of clip npz files or one such file; relative to the working folder. "
-        "Or a list of them, in each of which the clips are chosen."
+        "Or a list of them, in each of which the clips are chosen; some may have none that match."
     )
     train: ClipChoice = Field(ClipChoice(split="train"), description="The clips to train on.")
     validation: ClipChoice = Field(

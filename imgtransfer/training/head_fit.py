@@ -12,7 +12,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from imgtransfer.network import TransferModel
-from imgtransfer.network.base import Guess
+from imgtransfer.network.base import Guess, apply
 from imgtransfer.network.config import HeadConfig
 from imgtransfer.network.head_patches import Patches, mirrored_pixels, template_patches
 from imgtransfer.network.kernel_head import HeadSizes, KernelHead, LeftOut, head_features
@@ -281,7 +281,7 @@ def beside(body: Tensor, read: Tensor) -> float:
 
 
 def turned_back(guess: Guess, vectors: Tensor) -> Tensor:
-    """(B, S, H, W, 3) in the canonical frame's axes -> what `guess.turn` makes them of.
+    """Vectors (..., 3) at the guess's pixels, in the canonical frame's axes -> what `guess.turn` makes them of.
 
     By Richardson's iteration on the transposed: the axes are nearly orthonormal, and where they are much shorter the
     result stays bounded.
@@ -289,9 +289,9 @@ def turned_back(guess: Guess, vectors: Tensor) -> Tensor:
     if guess.rotation is None:
         return vectors
     back = guess.rotation.mT
-    result = torch.zeros_like(vectors)
-    for _ in range(_STEPS_BACK):
-        result = result + (back * (vectors - guess.turn(result))[..., None, :]).sum(-1)
+    result = apply(back, vectors)
+    for _ in range(_STEPS_BACK - 1):
+        result = result + apply(back, vectors - guess.turn(result))
     return result
 
 

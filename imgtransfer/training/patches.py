@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from imgtransfer.network.base import Guess
 from imgtransfer.network.local_transfer import images_to_patches
 from imgtransfer.network.local_view import TemplateView, mirrored_template
 from imgtransfer.network.maps import BodyMaps, ImagePair
@@ -72,12 +73,17 @@ class PatchFrames:
         assert isinstance(view, TemplateView)
         assert guess is not None
         assert body.local is not None
-        positions = (outfit.model.box.decode(truth.positions) - guess.positions) / POSITION_RESIDUAL_M
-        normals = (decode_normals(truth.normals) - guess.normals) / NORMAL_RESIDUAL
-        both = torch.cat([turned_back(guess, images) for images in (positions, normals)], dim=-1)
-        both = both * outfit.model.mask[..., None]  # nothing large in the background
         shown = view.covered[0]
-        return cls(body.local[:, shown], images_to_patches(both, shown))
+        guess = _in_patches(guess, shown)  # before it is turned, as most of an image is background
+        positions = images_to_patches(outfit.model.box.decode(truth.positions), shown) - guess.positions
+        normals = images_to_patches(decode_normals(truth.normals), shown) - guess.normals
+        both = [
+            turned_back(guess, positions) / POSITION_RESIDUAL_M,
+            turned_back(guess, normals) / NORMAL_RESIDUAL,
+        ]
+        mask = images_to_patches(outfit.model.mask[None, ..., None], shown)
+        residuals = torch.cat(both, dim=-1) * mask  # nothing large in the background
+        return cls(body.local[:, shown], residuals)
 
     def mirrored(self, template: PatchTemplate, frames: Tensor) -> PatchFrames:
         """With those mirrored where `frames` (B,) is true, their patches in the order of the mirrored template's."""
@@ -91,6 +97,16 @@ class PatchFrames:
         return PatchFrames(
             torch.where(where, local, self.local), torch.where(where, residuals, self.residuals)
         )
+
+
+def _in_patches(guess: Guess, covered: Tensor) -> Guess:
+    """The guess at the pixels of the patches where `covered` (S, rows, columns), (B, P, patch, patch, ...) each."""
+    rotation = guess.rotation
+    if rotation is not None:
+        rotation = images_to_patches(rotation.flatten(-2), covered).unflatten(-1, (3, 3))
+    return Guess(
+        images_to_patches(guess.positions, covered), images_to_patches(guess.normals, covered), rotation
+    )
 
 
 def patch_masks(template: PatchTemplate, frames: Tensor) -> Tensor:

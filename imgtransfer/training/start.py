@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,9 @@ import torch
 from pydantic import BaseModel
 from torch import Tensor
 
+from imgtransfer.data.choice import NoClip
 from imgtransfer.data.clip import Clip
-from imgtransfer.data.source import clip_refs
+from imgtransfer.data.source import ClipRef, clip_refs
 from imgtransfer.network import TransferModel
 from imgtransfer.network.memory import check_training_memory
 from imgtransfer.network.shapes import same_faces
@@ -138,21 +140,34 @@ def _flat(section: BaseModel, name: str) -> dict[str, Any]:
 
 
 def chosen_frames(config: RunConfig, choice: ClipChoice) -> Frames:
-    """The frames of the clips that a configuration chooses."""
+    """The frames of the clips that a configuration chooses.
+
+    Raises:
+        InputError: a source that cannot be read, or no clip in any of them that matches.
+    """
     data = config.data
-    refs = [
-        ref
-        for source in data.sources
-        for ref in clip_refs(source, split=choice.split, names=choice.names, exclude=choice.exclude)
-    ]
     return Frames(
-        [ref.reader() for ref in refs],
+        [ref.reader() for ref in _chosen_refs(data.sources, choice)],
         config.maps.root,
         int(data.cache_gb * 1e9),
         several=config.network.body == "local",
         history_s=config.network.history_s,
         skins=config.network.skins,
     )
+
+
+def _chosen_refs(sources: Sequence[Path], choice: ClipChoice) -> list[ClipRef]:
+    """The clips chosen from all sources; some may have none, such as a data set without a validation split."""
+    refs: list[ClipRef] = []
+    without: list[NoClip] = []
+    for source in sources:
+        try:
+            refs += clip_refs(source, split=choice.split, names=choice.names, exclude=choice.exclude)
+        except NoClip as error:
+            without.append(error)
+    if not refs:
+        raise NoClip("; ".join(str(error) for error in without))
+    return refs
 
 
 def agreed_precision(config: RunConfig, processes: Processes) -> Precision:

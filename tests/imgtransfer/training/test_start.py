@@ -17,6 +17,7 @@ from imgtransfer.data.clip import Clip, save_clip
 from imgtransfer.training.checkpoint import fingerprint, load_model
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import train
+from imgtransfer.training.start import chosen_frames
 from imgtransfer.training.trainer import Trainer
 from render import InputError
 from tests.helpers.training import SMALL, small_config
@@ -43,6 +44,25 @@ def test_a_run_begins_with_the_weights_of_a_model(source: Path, trained: Path, t
     for name, value in known.state_dict().items():  # the shortcuts' statistics, too
         assert torch.equal(model.state_dict()[name], value)
     assert torch.equal(model.eval().predict(tube_clip).positions, known.predict(tube_clip).positions)
+
+
+def test_one_of_several_sources_may_have_no_clip_that_matches(
+    source: Path, tube_clip: Clip, tmp_path: Path
+) -> None:
+    more = tmp_path / "more"
+    more.mkdir()
+    save_clip(more / "walk.npz", tube_clip)  # none to validate on
+    content = small_config(source).model_dump(mode="json")
+
+    def frames_of(sources: list[Path], part: str) -> int:
+        content["data"]["source"] = [str(each) for each in sources]
+        config = parse_config(RunConfig, content, "run")
+        return len(chosen_frames(config, getattr(config.data, part)))
+
+    assert frames_of([source, more], "validation") == frames_of([source], "validation")
+    assert frames_of([source, more], "train") == frames_of([source], "train") + tube_clip.n_frames
+    with pytest.raises(InputError, match=r"more: no clip matches .*; .*more: no clip matches"):
+        frames_of([more, more], "validation")
 
 
 def test_more_motion_does_not_change_what_images_mean(
