@@ -22,8 +22,10 @@ def masked_l1(predicted: Tensor, truth: Tensor, mask: Tensor) -> Tensor:
         Shape (), in the images' unit; 0 for an empty mask. What lies in the background has no influence, not
         even on the gradient and not even where it is not finite.
     """
-    difference = (predicted[..., mask, :] - truth[..., mask, :]).abs()
-    return difference.sum() / max(difference.numel(), 1)
+    shown = mask.expand(predicted.shape[:-1])[..., None]
+    # Not by index, whose gradient is written pixel by pixel.
+    difference = torch.where(shown, predicted - truth, predicted.new_zeros(())).abs()
+    return difference.sum() / (predicted.shape[-1] * shown.sum()).clamp(min=1)
 
 
 def map_errors(predicted: ImagePair, truth: ImagePair, mask: Tensor, box: PositionBox) -> dict[str, float]:
