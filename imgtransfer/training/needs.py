@@ -12,17 +12,24 @@ from imgtransfer.training.remaining import duration
 
 _log = logging.getLogger(__name__)
 
-_LONG_S = 10.0  # a step that takes so long is not tried twice
+_TRIED = (
+    4  # steps of other frames each, as garments take their time; the first also reads data, and finds room
+)
+_LONG_S = 10.0  # once so much has passed, no more are tried
 
 
 def say_needs(
-    config: RunConfig, steps: int, rehearse: Callable[[], None], clock: Callable[[], float] = time.monotonic
+    config: RunConfig,
+    steps: int,
+    rehearse: Callable[[int], None],
+    clock: Callable[[], float] = time.monotonic,
 ) -> None:
     """Log how much memory and time `steps` more steps of a run need.
 
     Args:
         config: of the run.
-        rehearse: does what takes the time of a step, and changes nothing (`Trainer.rehearse`).
+        rehearse: does what takes the time of the next step, or that of so many after it, and changes nothing
+            (`Trainer.rehearse`).
         clock: seconds that pass.
     """
     if steps <= 0:
@@ -34,12 +41,14 @@ def say_needs(
         batch_frames=options.batch_frames,
         averaged=options.ema is not None,
     )
-    for _ in range(2):  # the first also reads data, and finds room
-        begun = clock()
-        rehearse()
-        taken = clock() - begun
-        if taken > _LONG_S:
+    passed = [clock()]
+    for ahead in range(min(_TRIED, steps)):
+        rehearse(ahead)
+        passed.append(clock())
+        if passed[-1] - passed[0] > _LONG_S:
             break
+    counted = passed[1:] if len(passed) > 2 else passed
+    taken = (counted[-1] - counted[0]) / (len(counted) - 1)
     _log.info(
         "networks and batches need about %s of memory, and %d steps about %s on this machine",
         f"{memory / 1e9:.1f} GB" if memory >= 1e9 else f"{memory / 1e6:.0f} MB",

@@ -161,7 +161,7 @@ class Trainer:
         self.optimizer.zero_grad()
         losses = {"position_loss": 0.0, "normal_loss": 0.0}
         for part in self.processes.parts(options.accumulate):
-            for key, loss in self._gradients(part).items():
+            for key, loss in self._gradients(self.step, part).items():
                 losses[key] += loss / options.accumulate
         losses = self.processes.mean(losses)
         self.watch.check(self.step + 1, losses)
@@ -175,14 +175,14 @@ class Trainer:
             self._average.update(self.step)
         return losses | {"learning_rate": rate}
 
-    def _gradients(self, part: int) -> dict[str, float]:
-        """Add the gradients of part 0, 1, ... of the step, one batch; returns the losses of its frames."""
+    def _gradients(self, step: int, part: int) -> dict[str, float]:
+        """Add the gradients of part 0, 1, ... of a step, one batch; returns the losses of its frames."""
         options = self.config.training
         of_part = slice(part * options.batch_frames, (part + 1) * options.batch_frames)
-        index = self.order.frames(self.step)[of_part]
-        mirrored = self.order.coins(self.step)[of_part].to(self.device) if options.mirror else None
+        index = self.order.frames(step)[of_part]
+        mirrored = self.order.coins(step)[of_part].to(self.device) if options.mirror else None
         if self.config.network.dropout:
-            torch.manual_seed(self.order.step_seed(self.step, part))  # a resumed run draws the same
+            torch.manual_seed(self.order.step_seed(step, part))  # a resumed run draws the same
         losses = {"position_loss": 0.0, "normal_loss": 0.0}
         for number, places in self.train_frames.by_outfit(index):
             coins = None if mirrored is None else mirrored[places.to(self.device)]
@@ -199,11 +199,11 @@ class Trainer:
         options = self.config.training
         self._image_losses.cache_trunks(folder, mirrored=options.mirror, limit=options.trunk_cache_gb * 1e9)
 
-    def rehearse(self) -> None:
-        """What takes the time of the next step, forward and backward; it changes nothing."""
+    def rehearse(self, ahead: int = 0) -> None:
+        """What takes the time of the next step or one `ahead`, forward and backward; it changes nothing."""
         self.model.train()
         for part in self.processes.parts(self.config.training.accumulate):
-            self._gradients(part)
+            self._gradients(self.step + ahead, part)
         self.optimizer.zero_grad()
 
     def _losses(self, number: int, index: Tensor, mirrored: Tensor | None) -> tuple[Tensor, Tensor]:

@@ -20,8 +20,9 @@ def said(config: RunConfig, seconds: list[float], caplog: pytest.LogCaptureFixtu
     """What is said of 1,000 steps of which those tried take these seconds."""
     now, left = 0.0, list(seconds)
 
-    def step() -> None:
+    def step(ahead: int) -> None:
         nonlocal now
+        assert ahead == len(seconds) - len(left)  # other frames each time
         now += left.pop(0)
 
     caplog.clear()
@@ -31,10 +32,13 @@ def said(config: RunConfig, seconds: list[float], caplog: pytest.LogCaptureFixtu
     return caplog.messages[0]
 
 
-def test_the_second_of_two_steps_counts_and_a_long_one_is_not_repeated(
+def test_the_mean_of_all_but_the_first_counts_and_a_long_one_is_not_repeated(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     config = load_config(RunConfig, ROOT / "configs" / "demo.yaml")
+    assert said(config, [2.0, 1.2, 3.6, 2.4], caplog).endswith(
+        "and 1000 steps about 40 minutes on this machine"
+    )
     assert said(config, [9.0, 3.6], caplog).endswith("and 1000 steps about 60 minutes on this machine")
     assert said(config, [36.0], caplog).endswith("and 1000 steps about 10 hours on this machine")
 
@@ -54,6 +58,7 @@ def test_memory_by_hand() -> None:
 def test_a_rehearsal_changes_nothing(config: RunConfig) -> None:
     trainers = [Trainer(config) for _ in range(2)]
     trainers[0].rehearse()
+    trainers[0].rehearse(3)
     losses = [trainer.train_step() for trainer in trainers]
     assert losses[0] == losses[1]
     states = [trainer.model.state_dict() for trainer in trainers]
@@ -63,5 +68,5 @@ def test_a_rehearsal_changes_nothing(config: RunConfig) -> None:
 def test_a_run_that_is_over_says_nothing(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     config = load_config(RunConfig, ROOT / "configs" / "demo.yaml")
-    say_needs(config, 0, lambda: None)
+    say_needs(config, 0, lambda ahead: None)
     assert not caplog.messages
