@@ -12,9 +12,8 @@ from imgtransfer.training.remaining import duration
 
 _log = logging.getLogger(__name__)
 
-_TRIED = (
-    4  # steps of other frames each, as garments take their time; the first also reads data, and finds room
-)
+# Steps of other frames each, as each garment takes its own time; the first also reads data, and finds room.
+_TRIED = 4
 _LONG_S = 10.0  # once so much has passed, no more are tried
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from imgtransfer.training.precision import Precision, Workload, bfloat16_ratio, 
 from imgtransfer.training.processes import Processes
 from imgtransfer.training.sampler import Frames
 from render import InputError, Mesh, Option, PositionBox
+
+_log = logging.getLogger(__name__)
 
 _OF_TRAINING_ALONE = frozenset({"dropout"})  # settings of the network that its weights do not hang on
 
@@ -167,6 +170,8 @@ def _chosen_refs(sources: Sequence[Path], choice: ClipChoice) -> list[ClipRef]:
             without.append(error)
     if not refs:
         raise NoClip("; ".join(str(error) for error in without))
+    for nothing in without:  # meant so, or a pattern that is mistyped
+        _log.info("%s; the clips of the other data sets are taken", nothing)
     return refs
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -47,8 +48,9 @@ def test_a_run_begins_with_the_weights_of_a_model(source: Path, trained: Path, t
 
 
 def test_one_of_several_sources_may_have_no_clip_that_matches(
-    source: Path, tube_clip: Clip, tmp_path: Path
+    source: Path, tube_clip: Clip, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
+    caplog.set_level(logging.INFO)
     more = tmp_path / "more"
     more.mkdir()
     save_clip(more / "walk.npz", tube_clip)  # none to validate on
@@ -60,6 +62,9 @@ def test_one_of_several_sources_may_have_no_clip_that_matches(
         return len(chosen_frames(config, getattr(config.data, part)))
 
     assert frames_of([source, more], "validation") == frames_of([source], "validation")
+    assert caplog.messages == [
+        f"{more}: no clip matches (names *_test); there are walk; the clips of the other data sets are taken"
+    ]
     assert frames_of([source, more], "train") == frames_of([source], "train") + tube_clip.n_frames
     with pytest.raises(InputError, match=r"more: no clip matches .*; .*more: no clip matches"):
         frames_of([more, more], "validation")
