@@ -222,6 +222,21 @@ def kick(clock: Clock) -> Angles:
     return angles
 
 
+# Degrees: thighs as high as the trunk lets them, and feet as far apart as in a deep step.
+_WIDE_LEG = {"hip": (-22, 85), "spread": (0, 38), "turn_out": (-20, 35), "knee": (4, 95)}
+
+
+def lunge(clock: Clock) -> Angles:
+    """Deep steps and raised legs to the front, the side and back, on hips that tilt and turn."""
+    angles = _random_upper(clock)
+    angles |= {"pitch": clock.between(-14, 26, seconds=1.2), "roll": clock.wander(13, seconds=1.2)}
+    for side in SIDES:
+        for name, (low, high) in _WIDE_LEG.items():
+            angles[f"{side}_{name}"] = clock.between(low, high, seconds=0.9)
+    angles["yaw"] = np.cumsum(clock.wander(140, seconds=1.2)) / clock.rate
+    return angles
+
+
 def turn(clock: Clock) -> Angles:
     """Turning on the spot in small steps, faster and slower, left and right."""
     angles = _stride(clock, 0.9, swing=9, lift=30, arms=8, elbow=20)
@@ -281,5 +296,5 @@ def mixed(clock: Clock) -> Angles:
 
 KINDS: Mapping[str, Callable[[Clock], Angles]] = {
     kind.__name__: kind
-    for kind in (walk, run, squat, jump, bend, lean, twist, reach, punch, kick, turn, random, mixed)
+    for kind in (walk, run, squat, jump, bend, lean, twist, reach, punch, kick, lunge, turn, random, mixed)
 }

@@ -142,6 +142,14 @@ def test_a_kick_swings_one_leg_at_a_time():
     assert np.minimum(left, right).max() < 15
 
 
+def test_lunges_raise_thighs_and_part_feet_as_no_kick_or_walk_does():
+    several = [angles("lunge", seed) for seed in range(8)]
+    for name, least, most in (("hip", -22, 85), ("spread", 0, 38), ("turn_out", -20, 35), ("knee", 4, 95)):
+        values = np.concatenate([curves[f"{side}_{name}"] for curves in several for side in SIDES])
+        assert least <= values.min() < least + 0.2 * (most - least), name
+        assert most >= values.max() > most - 0.2 * (most - least), name
+
+
 def test_turning_goes_farther_than_walking_does():
     def turned(kind):
         return np.mean([np.ptp(angles(kind, seed)["yaw"]) for seed in range(8)])
