@@ -23,14 +23,25 @@ class System:
     Args:
         matrix: (N, N).
         device, dtype: of the right-hand sides; float32 or float64.
+        together: stiffness of each vertex against all moving alike: `together` / N is added to every entry, a matrix of
+            rank one, so that the solution is corrected (Sherman and Morrison's formula) and the factor stays sparse.
 
     Raises:
         ValueError: a matrix that is not positive definite.
     """
 
-    def __init__(self, matrix: scipy.sparse.spmatrix, device: torch.device, dtype: torch.dtype) -> None:
+    def __init__(
+        self,
+        matrix: scipy.sparse.spmatrix,
+        device: torch.device,
+        dtype: torch.dtype,
+        *,
+        together: float = 0.0,
+    ) -> None:
         self._factor = Factor(matrix, device, dtype) if device.type != "cpu" else None
         if self._factor is not None:
+            alike = self._factor.solve(torch.ones(1, matrix.shape[0], 1, device=device, dtype=dtype))
+            self._alike, self._taken = alike, _taken(together, alike)
             return
         # Without pivoting, so that U is D Lᵀ.
         options = {"SymmetricMode": True}
@@ -46,6 +57,8 @@ class System:
             (part.indptr, part.indices, torch.from_numpy(part.data)) for part in (by_row, by_column)
         )
         self._inverse = inverse
+        alike = torch.from_numpy(found.solve(np.ones(matrix.shape[0])))
+        self._alike, self._taken = alike, _taken(together, alike)
 
     def solver(self, right: torch.Tensor, solution: torch.Tensor, busy: torch.Tensor) -> Callable[[], None]:
         """What solves for `right` as it is when called.
@@ -58,7 +71,8 @@ class System:
         if factor is not None:
 
             def solve() -> None:
-                solution.copy_(factor.solve(right))
+                moved = factor.solve(right)
+                solution.copy_(moved - self._taken * moved.sum(1, keepdim=True) * self._alike)
 
             return solve
         record = Recorder(right, busy)
@@ -70,5 +84,22 @@ class System:
 
         arguments = [*triangle(self._rows), record.reals(self._inverse), *triangle(self._columns)]
         vectors = (record.frames(tensor) for tensor in (right, work, solution))
-        record("substitute", (), len(self._order), record.ints(self._order), *arguments, *vectors)
+        alike = record.reals(self._alike)
+        taken = record.reals(torch.tensor([self._taken], dtype=torch.float64))
+        record(
+            "substitute",
+            (),
+            len(self._order),
+            record.ints(self._order),
+            taken,
+            alike,
+            *arguments,
+            *vectors,
+        )
         return record.run
+
+
+def _taken(together: float, alike: torch.Tensor) -> float:
+    """The factor of a solution's sum, times what all ones solve to (`alike`), that is to be taken from the solution."""
+    each = together / alike.numel()
+    return each / (1 + each * float(alike.sum(dtype=torch.float64)))

@@ -20,6 +20,7 @@ from scripts.bench import (
     predict,
     reading,
     render,
+    self_contact,
     simulation,
     store,
     training,
@@ -102,6 +103,15 @@ KEYS = {
             )
         ),
     },
+    "self_contact": {
+        "truth_percent",
+        "cpu_ratio",
+        *(
+            f"{kind}_{key}"
+            for kind in ("without", "with")
+            for key in ("percent", "rmse_mm", "longest_edge", "cpu_ms")
+        ),
+    },
     "memory": {"predict_mb_3", "predict_mb_6", "predict_ratio", "fuse_mb_3", "fuse_mb_6", "fuse_ratio"},
     "predict": {
         "frames",
@@ -182,6 +192,7 @@ BENCHES = {
     "memory": memory,
     "predict": predict,
     "reading": reading,
+    "self_contact": self_contact,
     "simulation": simulation,
     "store": store,
     "training": training,
