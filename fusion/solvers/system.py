@@ -40,8 +40,9 @@ class System:
     ) -> None:
         self._factor = Factor(matrix, device, dtype) if device.type != "cpu" else None
         if self._factor is not None:
-            alike = self._factor.solve(torch.ones(1, matrix.shape[0], 1, device=device, dtype=dtype))
-            self._alike, self._taken = alike, _taken(together, alike)
+            ones = torch.ones(1, matrix.shape[0], 1, device=device, dtype=dtype)
+            self._alike = self._factor.solve(ones) if together else 0 * ones
+            self._taken = _taken(together, self._alike)
             return
         # Without pivoting, so that U is D Lᵀ.
         options = {"SymmetricMode": True}
@@ -57,8 +58,10 @@ class System:
             (part.indptr, part.indices, torch.from_numpy(part.data)) for part in (by_row, by_column)
         )
         self._inverse = inverse
-        alike = torch.from_numpy(found.solve(np.ones(matrix.shape[0])))
-        self._alike, self._taken = alike, _taken(together, alike)
+        ones = np.ones(matrix.shape[0])
+        # What a right-hand side of ones solves to; not looked at without `together`, as an all but empty matrix has none.
+        self._alike = torch.from_numpy(found.solve(ones) if together else 0 * ones)
+        self._taken = _taken(together, self._alike)
 
     def solver(self, right: torch.Tensor, solution: torch.Tensor, busy: torch.Tensor) -> Callable[[], None]:
         """What solves for `right` as it is when called.
