@@ -40,8 +40,8 @@ class System:
     ) -> None:
         self._factor = Factor(matrix, device, dtype) if device.type != "cpu" else None
         if self._factor is not None:
-            ones = torch.ones(1, matrix.shape[0], 1, device=device, dtype=dtype)
-            self._alike = self._factor.solve(ones) if together else 0 * ones
+            ones = torch.ones(1, matrix.shape[0], 3, device=device, dtype=dtype)
+            self._alike = self._factor.solve(ones)[..., :1] if together else 0 * ones[..., :1]
             self._taken = _taken(together, self._alike)
             return
         # Without pivoting, so that U is D Lᵀ.
@@ -58,9 +58,9 @@ class System:
             (part.indptr, part.indices, torch.from_numpy(part.data)) for part in (by_row, by_column)
         )
         self._inverse = inverse
-        ones = np.ones(matrix.shape[0])
-        # What a right-hand side of ones solves to; not looked at without `together`, as an all but empty matrix has none.
-        self._alike = torch.from_numpy(found.solve(ones) if together else 0 * ones)
+        # What ones solve to; not asked without `together`, as an all but empty matrix would give no finite numbers.
+        count = matrix.shape[0]
+        self._alike = torch.from_numpy(found.solve(np.ones(count)) if together else np.zeros(count))
         self._taken = _taken(together, self._alike)
 
     def solver(self, right: torch.Tensor, solution: torch.Tensor, busy: torch.Tensor) -> Callable[[], None]:
