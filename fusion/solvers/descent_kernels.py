@@ -196,8 +196,6 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
         busy: wp.array(dtype=wp.int32),
         count: wp.int32,
         order: wp.array(dtype=wp.int32),
-        taken: wp.array(dtype=real),
-        alike: wp.array(dtype=real),
         row_start: wp.array(dtype=wp.int32),
         row_columns: wp.array(dtype=wp.int32),
         row_values: wp.array(dtype=real),
@@ -211,24 +209,16 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
     ):
         """Solution of L D Lᵀ x = right, L with ones on its diagonal, below it by rows and by columns.
 
-        Row k belongs to vertex order[k]; work is in the order of the rows, which keeps neighbours together. From the
-        solution its sum is taken, times `taken` and what a right-hand side of ones would give, `alike`.
+        Row k belongs to vertex order[k]; work is in the order of the rows, which keeps neighbours together.
         """
         g = wp.tid()
         if busy[g] == 0:
             return
-        sum_x = lane()
-        sum_y = lane()
-        sum_z = lane()
         for k in range(count):
             i = order[k]
             x = right[i, 0, g]
             y = right[i, 1, g]
             z = right[i, 2, g]
-            alone = alike[i] * taken[0]
-            sum_x += x * alone
-            sum_y += y * alone
-            sum_z += z * alone
             for entry in range(row_start[k], row_start[k + 1]):
                 j = row_columns[entry]
                 value = row_values[entry]
@@ -254,10 +244,9 @@ def _defined(bits: int, lanes: int) -> SimpleNamespace:
             work[k, 0, g] = x
             work[k, 1, g] = y
             work[k, 2, g] = z
-            alone = alike[i]
-            solution[i, 0, g] = x - sum_x * alone
-            solution[i, 1, g] = y - sum_y * alone
-            solution[i, 2, g] = z - sum_z * alone
+            solution[i, 0, g] = x
+            solution[i, 1, g] = y
+            solution[i, 2, g] = z
 
     return SimpleNamespace(
         open_gradient=open_gradient,

@@ -24,10 +24,9 @@ from fusion.topology import Topology
 _EDGES = 0.3
 # Distance between rendered and target normals around which |Bn - t| is replaced by a parabola.
 _RESIDUAL = 0.1
-# Stiffness of the second stage against moving far, and beside it against moving as a whole, as displacement weights in
-# units of the edge term's: the body and the normals hold the cloth in ways of which the system knows nothing. What the
-# body holds takes no part in a step, so that the rest, which no normal keeps where it is, would be carried off.
-_HOLD, _HOLD_WHOLE = 0.07, 0.3
+# Stiffness against moving as a whole in the second stage, as a displacement weight in units of the edge term's: the
+# body and the normals hold the cloth in ways of which the system knows nothing.
+_HOLD = 0.1
 # Part of a matrix's mean diagonal that is added where nothing else holds a vertex.
 _FLOOR = 1e-6
 
@@ -74,8 +73,7 @@ class LocalGlobalSolver:
         config, contact = self._config, None
         with self._lock:  # of several threads, the first one makes it
             if self._normal_system is None:
-                whole = 2 * _HOLD_WHOLE * self._normal_weights["edge_length_m2"] / self._topology.n_vertices
-                self._normal_system = self._system(self._normal_hessian(), whole)
+                self._normal_system = self._system(self._normal_hessian())
         if problem.obstacle is not None and config.weight_collision:
             contact = Contact(
                 problem.obstacle,
@@ -156,8 +154,8 @@ class LocalGlobalSolver:
         matrix = scipy.sparse.csr_matrix((np.tile(pull, 2), (rows, columns)), shape=(n, n))
         return matrix - scipy.sparse.diags(np.asarray(matrix.sum(1)).ravel())
 
-    def _system(self, hessian: scipy.sparse.csr_matrix, together: float = 0.0) -> System:
-        """Systemised without the rows and columns of fixed vertices; `together` as `System` has it."""
+    def _system(self, hessian: scipy.sparse.csr_matrix) -> System:
+        """Systemised without the rows and columns of fixed vertices."""
         diagonal = hessian.diagonal()
         floor = _FLOOR * max(diagonal.mean(), np.finfo(np.float32).tiny)
         matrix = hessian + scipy.sparse.diags(np.full(len(diagonal), floor))
@@ -165,4 +163,4 @@ class LocalGlobalSolver:
             loose = scipy.sparse.diags((~self._fixed).astype(np.float64))
             pinned = scipy.sparse.diags(self._fixed * matrix.diagonal())
             matrix = loose @ matrix @ loose + pinned
-        return System(matrix, *self._device_and_dtype, together=together)
+        return System(matrix, *self._device_and_dtype)

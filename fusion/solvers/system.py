@@ -23,26 +23,14 @@ class System:
     Args:
         matrix: (N, N).
         device, dtype: of the right-hand sides; float32 or float64.
-        together: stiffness of each vertex against all moving alike: `together` / N is added to every entry, a matrix of
-            rank one, so that the solution is corrected (Sherman and Morrison's formula) and the factor stays sparse.
 
     Raises:
         ValueError: a matrix that is not positive definite.
     """
 
-    def __init__(
-        self,
-        matrix: scipy.sparse.spmatrix,
-        device: torch.device,
-        dtype: torch.dtype,
-        *,
-        together: float = 0.0,
-    ) -> None:
+    def __init__(self, matrix: scipy.sparse.spmatrix, device: torch.device, dtype: torch.dtype) -> None:
         self._factor = Factor(matrix, device, dtype) if device.type != "cpu" else None
         if self._factor is not None:
-            ones = torch.ones(1, matrix.shape[0], 3, device=device, dtype=dtype)
-            self._alike = self._factor.solve(ones)[..., :1] if together else 0 * ones[..., :1]
-            self._taken = _taken(together, self._alike)
             return
         # Without pivoting, so that U is D Lᵀ.
         options = {"SymmetricMode": True}
@@ -58,10 +46,6 @@ class System:
             (part.indptr, part.indices, torch.from_numpy(part.data)) for part in (by_row, by_column)
         )
         self._inverse = inverse
-        # What ones solve to; not asked without `together`, as an all but empty matrix would give no finite numbers.
-        count = matrix.shape[0]
-        self._alike = torch.from_numpy(found.solve(np.ones(count)) if together else np.zeros(count))
-        self._taken = _taken(together, self._alike)
 
     def solver(self, right: torch.Tensor, solution: torch.Tensor, busy: torch.Tensor) -> Callable[[], None]:
         """What solves for `right` as it is when called.
@@ -74,8 +58,7 @@ class System:
         if factor is not None:
 
             def solve() -> None:
-                moved = factor.solve(right)
-                solution.copy_(moved - self._taken * moved.sum(1, keepdim=True) * self._alike)
+                solution.copy_(factor.solve(right))
 
             return solve
         record = Recorder(right, busy)
@@ -87,22 +70,5 @@ class System:
 
         arguments = [*triangle(self._rows), record.reals(self._inverse), *triangle(self._columns)]
         vectors = (record.frames(tensor) for tensor in (right, work, solution))
-        alike = record.reals(self._alike)
-        taken = record.reals(torch.tensor([self._taken], dtype=torch.float64))
-        record(
-            "substitute",
-            (),
-            len(self._order),
-            record.ints(self._order),
-            taken,
-            alike,
-            *arguments,
-            *vectors,
-        )
+        record("substitute", (), len(self._order), record.ints(self._order), *arguments, *vectors)
         return record.run
-
-
-def _taken(together: float, alike: torch.Tensor) -> float:
-    """The factor of a solution's sum, times what all ones solve to (`alike`), that is to be taken from the solution."""
-    each = together / alike.numel()
-    return each / (1 + each * float(alike.sum(dtype=torch.float64)))
