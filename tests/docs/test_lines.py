@@ -84,7 +84,6 @@ ADDED = {
     "simulate configs/data/general_bodies.yaml": " --clip '*walk_s800*' --clip '*twist_s800*' --frames 3",
     "simulate configs/data/general_leaning.yaml": " --clip '*lean_s900*' --clip '*lean_s940*' --frames 3",
     "simulate configs/data/general_swinging.yaml": " --clip '*lean_s1000*' --clip '*kick_s1000*' --frames 3",
-    "simulate configs/data/general_many.yaml": " --clip '*kick_s1100*' --clip '*lunge_s1100*' --frames 3",
     "simulate configs/data/pretrain.yaml": " --clip '*walk_s1' --clip '*twist_s91' --frames 3",
     "simulate walk": " --frames 3",
     "benchmark configs/benchmark/sample.yaml --methods": _sets(_NO_EXTRAS),
