@@ -142,7 +142,7 @@ def test_a_kick_swings_one_leg_at_a_time():
     assert np.minimum(left, right).max() < 15
 
 
-def test_lunges_raise_thighs_and_part_feet_as_no_kick_or_walk_does():
+def test_lunges_take_legs_through_all_of_their_range():
     several = [angles("lunge", seed) for seed in range(8)]
     for name, least, most in (("hip", -22, 85), ("spread", 0, 38), ("turn_out", -20, 35), ("knee", 4, 95)):
         values = np.concatenate([curves[f"{side}_{name}"] for curves in several for side in SIDES])
