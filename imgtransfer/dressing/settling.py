@@ -11,7 +11,7 @@ from imgtransfer.simulation.body_motion.skinned import dressed_body
 from imgtransfer.simulation.config import SimulateConfig, SolverConfig
 from render.mesh.mesh import Mesh
 
-#: The sample data's, and those of the general checkpoint: cloth that collides with itself.
+#: As the general checkpoint's garments hang: cloth that collides with itself.
 SOLVER = SolverConfig(self_contact=True)
 
 

@@ -92,7 +92,11 @@ class SolverConfig(Section):
         "to rest.",
     )
     settle_seconds: Seconds = Field(
-        0.8, ge=0, le=600, description="For the cloth to come to rest on the resting body; not recorded."
+        4.0,
+        ge=0,
+        le=600,
+        description="For the cloth to come to rest on the resting body; not recorded. After 0.8 s a long skirt still "
+        "moves by 2 mm a frame, and how it hangs then is chance.",
     )
     warm_up_seconds: Seconds = Field(
         0.7, gt=0, le=600, description="From the rest pose to the first frame; not recorded."

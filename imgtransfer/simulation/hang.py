@@ -70,7 +70,7 @@ def _hanging(outfit: _Outfit, pinned: bool, anyway: bool) -> np.ndarray:
 def hanging(
     template: Mesh, body: Mesh, cloth: ClothConfig, *, pinned: bool = False, anyway: bool = False
 ) -> np.ndarray:
-    """The template as it hangs on the resting body after 0.8 s of simulation.
+    """The template as it hangs on the resting body after `SolverConfig.settle_seconds` of simulation.
 
     Vertices of split seams, which lie on each other at open edges, move together.
 
