@@ -237,6 +237,23 @@ def lunge(clock: Clock) -> Angles:
     return angles
 
 
+def dash(clock: Clock) -> Angles:
+    """Starting, running, stopping short and stepping aside, the trunk leaning into it; cloth swings on.
+
+    Beside angles, `forward` and `sideways`: metres a second along where the pelvis faces and to its left.
+    """
+    forward = clock.between(-0.4, 3.4, seconds=0.8)
+    sideways = clock.wander(0.8, seconds=0.9)
+    stride = _stride(clock, 1.35, swing=36, lift=85, arms=30, elbow=75)
+    share = np.clip(np.hypot(forward, sideways) / 3, 0.25, 1)
+    angles = {name: NEUTRAL[name] + share * (values - NEUTRAL[name]) for name, values in stride.items()}
+    for name, speed, sign in (("pitch", forward, 3.0), ("roll", sideways, -2.0)):  # degrees per m/s²
+        leaning = sign * clock.rate * np.diff(speed, prepend=speed[:1])
+        angles[name] = gaussian_filter1d(leaning, 0.08 * clock.rate, mode="nearest")
+    angles["yaw"] = np.cumsum(clock.wander(90, seconds=1.2)) / clock.rate
+    return angles | {"forward": forward, "sideways": sideways}
+
+
 def turn(clock: Clock) -> Angles:
     """Turning on the spot in small steps, faster and slower, left and right."""
     angles = _stride(clock, 0.9, swing=9, lift=30, arms=8, elbow=20)
@@ -296,5 +313,21 @@ def mixed(clock: Clock) -> Angles:
 
 KINDS: Mapping[str, Callable[[Clock], Angles]] = {
     kind.__name__: kind
-    for kind in (walk, run, squat, jump, bend, lean, twist, reach, punch, kick, lunge, turn, random, mixed)
+    for kind in (
+        walk,
+        run,
+        squat,
+        jump,
+        bend,
+        lean,
+        twist,
+        reach,
+        punch,
+        kick,
+        lunge,
+        dash,
+        turn,
+        random,
+        mixed,
+    )
 }

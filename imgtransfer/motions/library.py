@@ -48,12 +48,14 @@ def make_motion(
     random = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     curves = KINDS[kind](Clock(time, fps, tempo, random))
     hop = np.maximum(np.broadcast_to(curves.pop("hop", 0.0), (frames,)), 0)
+    speeds = [curves.pop(name, np.zeros(frames)) for name in ("sideways", "forward")]
     angles = within_limits(curves, frames)
     fraction = np.clip(time / BLEND_IN, 0, 1)
     fraction = fraction * fraction * (3 - 2 * fraction)
     angles = {name: NEUTRAL[name] + fraction * (values - NEUTRAL[name]) for name, values in angles.items()}
     poses = poses_from_angles(angles)
     trans = _path(poses, fraction * hop, fps, travels=kind in ("walk", "run", "mixed"))
+    trans += _travelled(poses, fraction * speeds, fps)
     return Motion(poses, trans, fps, f"{kind}_s{seed}", THIGH + SHIN)
 
 
@@ -82,6 +84,14 @@ def _path(poses: np.ndarray, hop: np.ndarray, fps: float, *, travels: bool) -> n
         step = gaussian_filter1d(step, 0.15 * fps, mode="nearest")
         trans += np.cumsum(step[:, None] * forward, axis=0)
     return trans
+
+
+def _travelled(poses: np.ndarray, speeds: np.ndarray, fps: float) -> np.ndarray:
+    """(T, 3) how far the body has come by speeds (2, T) to the pelvis's left and ahead of it, metres a second."""
+    pelvis = global_rotations(poses)[:, 0]
+    level = pelvis[:, :, [0, 2]] * np.array([1.0, 0.0, 1.0])[:, None]
+    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    return np.cumsum(np.einsum("tij,jt->ti", level, speeds) / fps, axis=0)
 
 
 def falling_slower(height: np.ndarray, fps: float) -> np.ndarray:

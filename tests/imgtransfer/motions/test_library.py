@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from imgtransfer.bodies.smpl import INDEX, global_rotations, segment_direction
 from imgtransfer.motions.kinds import KINDS, Clock
-from imgtransfer.motions.library import FASTEST_FALL, falling_slower, make_motion
+from imgtransfer.motions.library import FASTEST_FALL, _travelled, falling_slower, make_motion
 from imgtransfer.motions.limits import LIMITS, NEUTRAL, poses_from_angles, within_limits
 from imgtransfer.motions.motion import Motion, arms_out, resample
 from render import InputError
@@ -14,7 +15,7 @@ from render import InputError
 def test_every_kind_is_smooth_starts_standing_and_stays_within_limits(kind):
     clock = Clock(np.arange(120) / 30, 30.0, 1.0, np.random.default_rng(3))
     curves = KINDS[kind](clock)
-    unknown = set(curves) - set(LIMITS) - {"hop"}
+    unknown = set(curves) - set(LIMITS) - {"hop", "forward", "sideways"}
     assert not unknown
     for name, values in within_limits(curves, 120).items():
         low, high = LIMITS[name]
@@ -29,7 +30,8 @@ def test_every_kind_is_smooth_starts_standing_and_stays_within_limits(kind):
     steps = np.einsum("tjab,tjac->tjbc", turned[:-1], turned[1:])
     speed = Rotation.from_matrix(steps.reshape(-1, 3, 3)).magnitude().max() * 30
     assert speed < np.radians(700)  # a fast punch; nothing flips
-    assert np.abs(np.diff(motion.trans, axis=0)).max() * 30 < 3.0  # m/s
+    fastest = 4.0 if kind == "dash" else 3.0  # m/s
+    assert np.abs(np.diff(motion.trans, axis=0)).max() * 30 < fastest
     assert np.abs(np.diff(motion.poses[:, 1:], axis=0)).max() > 1e-4  # it moves
 
 
@@ -39,6 +41,25 @@ def test_the_seed_alone_decides(kind):
     assert np.array_equal(first.poses, again.poses)
     assert np.array_equal(first.trans, again.trans)
     assert np.abs(first.poses - other.poses).max() > 0.02
+
+
+def test_a_dash_starts_and_stops_harder_than_running_does():
+    def accelerations(kind):
+        ways = np.stack([make_motion(kind, seed=seed, seconds=3).trans[20:, [0, 2]] for seed in range(5)])
+        speeds = gaussian_filter1d(np.diff(ways, axis=1) * 30, 2, axis=1)
+        return np.linalg.norm(np.diff(speeds, axis=1) * 30, axis=-1)
+
+    assert np.percentile(accelerations("dash"), 90) > 3  # m/s²; a tilt of gravity by 17 degrees
+    assert np.percentile(accelerations("dash"), 90) > 1.5 * np.percentile(accelerations("run"), 90)
+
+
+def test_speeds_are_along_where_the_pelvis_faces_by_hand():
+    poses = np.zeros((3, 22, 3))
+    poses[1, 0] = 0, np.pi / 2, 0  # facing +x, its left is -z
+    poses[2, 0] = np.radians(60), 0, 0  # pitched forward, which makes it no slower
+    speeds = np.array([[0.0, 2.0, 0.0], [3.0, 0.0, 1.0]])  # to the left, ahead; m/s
+    way = _travelled(poses, speeds, 10.0)
+    np.testing.assert_allclose(way, [[0, 0, 0.3], [0, 0, 0.1], [0, 0, 0.2]], atol=1e-12)
 
 
 def test_walking_goes_forward_and_squatting_goes_down():
