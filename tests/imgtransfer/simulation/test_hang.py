@@ -104,7 +104,7 @@ def test_a_waist_that_slides_to_where_the_body_is_wider_is_noted(caplog: pytest.
     cone[:, [0, 2]] *= (1.0 - 1.2 * body.vertices[:, 1:2]).clip(
         0.3
     )  # 7 cm thinner at the top than at the bottom
-    skirt = tube(radius=0.13)
+    skirt = tube(radius=0.14)
     skirt.vertices[:, [0, 2]] *= (1.0 - 1.2 * (skirt.vertices[:, 1:2] - 0.1)).clip(0.3)
     with caplog.at_level("WARNING"):
         hanging(skirt, Mesh(cone, body.faces), COTTON)
