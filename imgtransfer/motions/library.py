@@ -54,13 +54,15 @@ def make_motion(
     fraction = fraction * fraction * (3 - 2 * fraction)
     angles = {name: NEUTRAL[name] + fraction * (values - NEUTRAL[name]) for name, values in angles.items()}
     poses = poses_from_angles(angles)
-    trans = _path(poses, fraction * hop, fps, travels=kind in ("walk", "run", "mixed"))
-    trans += _travelled(poses, fraction * speeds, fps)
+    trans = _path(poses, fraction * hop, fraction * speeds, fps, travels=kind in ("walk", "run", "mixed"))
     return Motion(poses, trans, fps, f"{kind}_s{seed}", THIGH + SHIN)
 
 
-def _path(poses: np.ndarray, hop: np.ndarray, fps: float, *, travels: bool) -> np.ndarray:
-    """(T, 3) pelvis positions that keep the lower foot on the floor, plus `hop` (T,) metres, as gravity allows."""
+def _path(poses: np.ndarray, hop: np.ndarray, speeds: np.ndarray, fps: float, *, travels: bool) -> np.ndarray:
+    """(T, 3) pelvis positions that keep the lower foot on the floor, plus `hop` (T,) metres, as gravity allows.
+
+    Besides, they go on by `speeds` (see `_travelled`).
+    """
     rotations = global_rotations(poses)
     pelvis = rotations[:, 0]
     feet = []
@@ -83,12 +85,11 @@ def _path(poses: np.ndarray, hop: np.ndarray, fps: float, *, travels: bool) -> n
         step = STEP_LENGTH * np.maximum(back[standing, np.arange(len(poses))], 0)
         step = gaussian_filter1d(step, 0.15 * fps, mode="nearest")
         trans += np.cumsum(step[:, None] * forward, axis=0)
-    return trans
+    return trans + _travelled(pelvis, speeds, fps)
 
 
-def _travelled(poses: np.ndarray, speeds: np.ndarray, fps: float) -> np.ndarray:
-    """(T, 3) how far the body has come by speeds (2, T) to the pelvis's left and ahead of it, metres a second."""
-    pelvis = global_rotations(poses)[:, 0]
+def _travelled(pelvis: np.ndarray, speeds: np.ndarray, fps: float) -> np.ndarray:
+    """(T, 3) how far a pelvis, turned by (T, 3, 3), has come by speeds (2, T) to its left and ahead, m/s."""
     level = pelvis[:, :, [0, 2]] * np.array([1.0, 0.0, 1.0])[:, None]
     level /= np.linalg.norm(level, axis=1, keepdims=True)
     return np.cumsum(np.einsum("tij,jt->ti", level, speeds) / fps, axis=0)

@@ -54,11 +54,15 @@ def test_a_dash_starts_and_stops_harder_than_running_does():
 
 
 def test_speeds_are_along_where_the_pelvis_faces_by_hand():
-    poses = np.zeros((3, 22, 3))
-    poses[1, 0] = 0, np.pi / 2, 0  # facing +x, its left is -z
-    poses[2, 0] = np.radians(60), 0, 0  # pitched forward, which makes it no slower
+    pelvis = Rotation.from_rotvec(
+        [
+            [0, 0, 0],
+            [0, np.pi / 2, 0],  # facing +x, its left is -z
+            [np.radians(60), 0, 0],  # pitched forward, which makes it no slower
+        ]
+    ).as_matrix()
     speeds = np.array([[0.0, 2.0, 0.0], [3.0, 0.0, 1.0]])  # to the left, ahead; m/s
-    way = _travelled(poses, speeds, 10.0)
+    way = _travelled(pelvis, speeds, 10.0)
     np.testing.assert_allclose(way, [[0, 0, 0.3], [0, 0, 0.1], [0, 0, 0.2]], atol=1e-12)
 
 
