@@ -111,11 +111,13 @@ class FusionConfig(BaseModel):
         description="Start each frame from its own readings plus what was changed in the frame before; frames must "
         "be consecutive, and are solved one after the other whatever batch_frames says.",
     )
-    collision_margin_m: _Metres = Field(
-        default=0.0,
+    collision_margin_m: _Metres | None = Field(
+        default=None,
         ge=0,
         lt=0.05,
-        description="Metres of clearance below which a vertex counts as inside; the paper's is 0.",
+        description="Metres of clearance below which a vertex counts as inside in the second stage. null takes what "
+        "the maps say of how cloth rests on skin (their contact offset, which a trained model knows), and 0, the "
+        "paper's, where they say nothing.",
     )
     sdf_band_m: _Metres = Field(
         default=0.05,
@@ -154,3 +156,14 @@ class FusionConfig(BaseModel):
         description="Frames solved together at most, on a CPU 8 or as many as its caches hold; changes memory and "
         "speed, not results.",
     )
+
+    def on_skin(self, contact_offset_m: float | None) -> FusionConfig:
+        """With a number for `collision_margin_m`: its own, or else how far off the skin the cloth is known to rest."""
+        if self.collision_margin_m is not None:
+            return self
+        return self.model_copy(update={"collision_margin_m": contact_offset_m or 0.0})
+
+    @property
+    def margin_m(self) -> float:
+        """Metres of clearance in the second stage; 0 where nothing says how cloth rests on skin."""
+        return self.collision_margin_m or 0.0

@@ -9,7 +9,7 @@ import torch
 
 from fusion.inputs import DecodedMaps, FusionInputs, MovingSurface, PinnedVertices
 from render.errors import InputError
-from render.limits import FARTHEST
+from render.limits import FARTHEST, check_contact_offset
 from render.maps.imager import TemplateImager
 from render.mesh.measures import edge_lengths
 from render.mesh.mesh import Mesh, check_faces, check_finite
@@ -36,6 +36,8 @@ def checked(inputs: FusionInputs, imager: TemplateImager) -> FusionInputs:
         raise InputError("fuse: give position maps or initial vertices to start from, and not both")
     if n_frames == 0:
         raise InputError("fuse: no frames; the first axis of the maps is the frame")
+    if inputs.contact_offset_m is not None:
+        check_contact_offset(inputs.contact_offset_m, "fuse")
     n_vertices, first = len(imager.mesh.vertices), inputs.first_frame
     if initial is not None:
         _check_points("initial", initial, (n_frames, n_vertices, 3), first)

@@ -126,6 +126,8 @@ class FusionInputs:
             garment refitted to another body. Pixels and cameras stay the imager's.
         first_frame: the number of the first of these frames in their clip, for messages.
         fps: frames a second, for what is measured in seconds; not needed beside a map file, which has it.
+        contact_offset_m: metres off the skin at which the cloth rests where it touches, such as a simulator's contact
+            offset: the margin of the second stage where the configuration names none. None: unknown.
 
     Attributes:
         maps: without any map where none is given.
@@ -145,6 +147,7 @@ class FusionInputs:
     rest: np.ndarray | None
     first_frame: int
     fps: float | None
+    contact_offset_m: float | None
 
     def __init__(
         self,
@@ -157,6 +160,7 @@ class FusionInputs:
         rest: Array | None = None,
         first_frame: int = 0,
         fps: float | None = None,
+        contact_offset_m: float | None = None,
     ) -> None:
         object.__setattr__(self, "maps", DecodedMaps() if maps is None else maps)
         object.__setattr__(self, "body", body)
@@ -166,6 +170,7 @@ class FusionInputs:
         object.__setattr__(self, "rest", None if rest is None else _array(rest))
         object.__setattr__(self, "first_frame", first_frame)
         object.__setattr__(self, "fps", fps)
+        object.__setattr__(self, "contact_offset_m", contact_offset_m)
 
     @property
     def n_frames(self) -> int:

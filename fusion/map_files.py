@@ -55,7 +55,7 @@ def fuse_maps(
     Args:
         maps: T frames of encoded maps from S views; the confidence in it is used, and its rest shape.
         inputs: T frames of what they are fused with, all but the maps: body, inner garment, pins; `initial`, with
-            which position maps are neither needed nor used; `rest`, in place of the file's.
+            which position maps are neither needed nor used; `rest` and `contact_offset_m`, in place of the file's.
         config, device, history, progress: as for `fuse`.
         reading: how the maps are read; as they are if None.
 
@@ -123,7 +123,9 @@ def fuse_map_parts(
                     "fuse: the maps are those of the map file; leave them out of its other inputs"
                 )
             rest = part.rest_vertices if its.rest is None else its.rest
-            yield checked(replace(its, maps=reader(part), rest=rest, first_frame=done), reader.imager)
+            offset = part.contact_offset_m if its.contact_offset_m is None else its.contact_offset_m
+            read = replace(its, maps=reader(part), rest=rest, first_frame=done, contact_offset_m=offset)
+            yield checked(read, reader.imager)
             done += part.n_frames
 
     weighted = reader.imaged and first.confidence is not None and _weighted(maps, reader.imager)

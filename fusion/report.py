@@ -76,6 +76,7 @@ class Statistics:
             curves[stage] = {name: values.tolist() for name, values in (*curve.items(), ("total", total))}
         report: dict[str, Any] = {
             "solver": self._config.solver,
+            "collision_margin_m": self._config.margin_m,
             "frames": self._frames,
             "terms": terms,
             "total": totals,

@@ -75,7 +75,7 @@ def fuse_batches(
         InputError: see `fuse`; frames that came before have been handed on by then.
     """
     config, device, started = config or FusionConfig(), torch.device(device), time.perf_counter()
-    watch, statistics = Stopwatch(device), Statistics(config)
+    watch = Stopwatch(device)
     with one_torch_thread():
         threads = usable_threads(config, device, frames.n_frames)
         period = period_in_frames(config, frames.fps) if config.smooth_time_s else None
@@ -84,6 +84,8 @@ def fuse_batches(
         )
         coming = frames.batches(size)
         first = next(coming)
+        config = config.on_skin(first.contact_offset_m)
+        statistics = Statistics(config)
         with watch.stage("setup"):
             solver = FrameSolver(
                 imager,

@@ -11,6 +11,7 @@ FARTHEST_IN_FILES = 1e9  # from the origin, in whatever unit a mesh file has
 SLOWEST, FASTEST = 0.01, 1e4  # frames a second
 MAX_LENGTH = 8192  # pixels a side: every renderer can; software renderers crash on much larger images
 MAX_LAYERS = 64  # surfaces along a ray; crumpled garments have ten
+FARTHEST_OFF = 0.05  # metres off the skin at which cloth rests on it
 ANGLES = 1e3  # radians of a joint's rotation
 _RIGID = 1e-3  # by which R Rᵀ may differ from the identity
 
@@ -25,6 +26,15 @@ def check_rotations(rotations: np.ndarray, source: str) -> None:
     if len(mirrors):
         raise InputError(
             f"{source} must hold rotation matrices; that of frame {mirrors[0]} mirrors, its determinant is -1"
+        )
+
+
+def check_contact_offset(metres: float, source: str) -> None:
+    """Raise InputError unless cloth can rest so far off the skin: 0 or more, and less than 5 cm."""
+    if not 0 <= metres < FARTHEST_OFF:
+        raise InputError(
+            f"{source}: contact_offset_m is {metres}; metres at which cloth rests on skin expected, from 0 to below "
+            f"{FARTHEST_OFF:g}"
         )
 
 

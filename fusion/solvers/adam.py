@@ -65,9 +65,7 @@ class AdamSolver:
                     self._pixels(normals), problem.target, problem.confidence
                 )
             if distance is not None:
-                values["collision_m"] = collision_loss(
-                    distance(vertices, step), margin_m=config.collision_margin_m
-                )
+                values["collision_m"] = collision_loss(distance(vertices, step), margin_m=config.margin_m)
             return values
 
         return self._minimise(problem, terms, normal_weights(config), config.normal_steps)

@@ -78,7 +78,7 @@ class LocalGlobalSolver:
             contact = Contact(
                 problem.obstacle,
                 problem.anchor,
-                margin_m=config.collision_margin_m,
+                margin_m=config.margin_m,
                 every_steps=config.sdf_every_iterations,
                 surface=problem.surface,
                 loose=self._loose,

@@ -217,6 +217,8 @@ def _maps(source: Path) -> None:
     print(f"box: {maps.box.lo.round(3).tolist()} to {maps.box.hi.round(3).tolist()} m")
     shape = "" if maps.rest_vertices is None else "; the frames are of another shape of it"
     print(f"template: {len(maps.template_vertices)} vertices, {len(maps.template_faces)} faces{shape}")
+    if maps.contact_offset_m is not None:
+        print(f"cloth rests {1e3 * maps.contact_offset_m:.1f} mm off the skin")
 
 
 def _checkpoint(source: Path) -> None:

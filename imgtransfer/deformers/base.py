@@ -50,6 +50,8 @@ class Deformer(ABC):
 
     def __init__(self, config: Section) -> None:
         self.config = config
+        # Metres off the skin at which the cloth of the clips rests that it was fitted to; None: unknown.
+        self.contact_offset_m: float | None = None
 
     @abstractmethod
     def fit(self, clips: Sequence[Clip], folder: FitFolder) -> None:

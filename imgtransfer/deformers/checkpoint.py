@@ -13,6 +13,7 @@ from imgtransfer.training.checkpoint import (
     FORMAT_VERSION,
     MODEL_FILE,
     MODEL_FORMAT,
+    known_offset,
     read_header,
     read_tensors,
     write_tensors,
@@ -48,6 +49,7 @@ def save_deformer(path: str | Path, deformer: Deformer, record: FitRecord | None
         "format_version": FORMAT_VERSION,
         "method": deformer.name,
         "config": plain_values(deformer.config),
+        "contact_offset_m": deformer.contact_offset_m,
         "clips": record.clips,
         "data": record.data,
         "seed": record.seed,
@@ -85,6 +87,7 @@ def load_deformer(path: str | Path) -> Deformer:
         if not all(bool(value.isfinite().all()) for value in tensors.values()):
             raise ValueError("it has numbers that are not finite")
         deformer.restore(tensors)
+        deformer.contact_offset_m = known_offset(header, path)
     # pydantic's ValidationError is a ValueError; what a method makes of tensors that are not its own is its affair
     except (InputError, KeyError, ValueError, TypeError, RuntimeError, IndexError, OverflowError) as error:
         raise InputError(

@@ -13,6 +13,7 @@ import torch
 
 from imgtransfer.config.loader import load_config, plain_values, to_yaml
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.contact_offset import of_clips
 from imgtransfer.data.source import clip_refs
 from imgtransfer.deformers.base import FitFolder
 from imgtransfer.deformers.checkpoint import FitRecord, is_deformer, load_deformer, save_deformer
@@ -76,6 +77,7 @@ def fit_run(config: MethodRunConfig, out: Path, *, resume: bool = False) -> Path
             temporary.write_text(to_yaml(config))
         torch.manual_seed(config.seed)
         deformer.fit(clips, FitFolder(out, config.seed, config.threads))
+        deformer.contact_offset_m = of_clips(clips)
         record = FitRecord(tuple(clip.name for clip in clips), mark, config.seed)
         return save_deformer(model, deformer, record)
 

@@ -92,19 +92,20 @@ def save_deformation(
     with written_whole_folder(folder) as temporary:
         if maps:
             started = time.perf_counter()
-            write_maps(temporary / MAPS_FILE, made)
+            write_maps(temporary / MAPS_FILE, made, contact_offset_m=deformer.contact_offset_m)
             spent["maps"] = time.perf_counter() - started
         with written_clip(temporary / POSITION_ONLY_FILE) as add:
             add(replace(made, info=made_anew(clip.info) | dict(record)))
     return spent
 
 
-def write_maps(path: Path, clip: Clip) -> None:
+def write_maps(path: Path, clip: Clip, *, contact_offset_m: float | None = None) -> None:
     """Render a clip's garment to position and normal maps in canonical frames.
 
     Args:
         path: the file.
         clip: with a garment in motion.
+        contact_offset_m: metres off the skin at which its cloth is known to rest.
     """
     assert clip.garment is not None
     imager = TemplateImager.build(clip.template_mesh, views=VIEWS, size=SIZE)
@@ -125,6 +126,7 @@ def write_maps(path: Path, clip: Clip) -> None:
                     rotation=of.rotation,
                     translation=of.translation,
                     fps=clip.fps,
+                    contact_offset_m=contact_offset_m,
                 )
             )
 

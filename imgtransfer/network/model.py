@@ -76,6 +76,8 @@ class TransferModel(nn.Module):
         self.body, self.general, self.asked = body, general, maps
         self.source = "the model"  # what messages call it
         self.mirrored_average = False  # whether predictions are means with those of the mirrored scene
+        # Metres off the skin at which the cloth of its training clips rests; None: unknown.
+        self.contact_offset_m: float | None = None
         self.layouts = layouts or layouts_of(maps, template, body)
         self.imager = garment_imager(maps, template, self.layouts)
         # With the elevations that were chosen for the template, so that what is stored never chooses again.
@@ -125,6 +127,7 @@ class TransferModel(nn.Module):
             networks=(self.position_net, self.normal_net),
         )
         worn.source, worn.mirrored_average = self.source, self.mirrored_average
+        worn.contact_offset_m = self.contact_offset_m
         return worn.train(self.training).to(self.device)
 
     def body_imager(self, *clips: Clip) -> BodyImager:
@@ -152,10 +155,7 @@ class TransferModel(nn.Module):
         )
 
     def check_garment(self, clip: Clip) -> None:
-        """Raise InputError unless the clip's garment is the model's, in its own shape or another (`check_clip`).
-
-        That of a general model is any.
-        """
+        """Raise InputError unless the clip's garment is its own, in any shape (`check_clip`), or this is general."""
         if self.general:
             return
         check_clip(clip, self.imager.mesh, self.body)
@@ -339,7 +339,7 @@ class Predictor:
         kept = model.mask[..., None]
         unit = nn.functional.normalize(images.normals * 2 - 1, dim=-1)
         positions, normals = (images.positions * kept).cpu(), (encode_normals(unit) * kept).cpu()
-        about = model.imager, model.box, shown.fps, self.rest_vertices
+        about = model.imager, model.box, shown.fps, self.rest_vertices, model.contact_offset_m
         return Prediction(positions, normals, shown.frames, *about)
 
     def _images(self, body: BodyMaps) -> ImagePair:

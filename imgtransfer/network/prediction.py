@@ -42,6 +42,7 @@ class Prediction:
         box: of the positions.
         fps: frames a second.
         rest_vertices: (N, 3) float64, metres, the clip's own template where that is another shape than the imager's.
+        contact_offset_m: metres off the skin at which the cloth of the model's training clips rests; None: unknown.
     """
 
     positions: Tensor
@@ -51,6 +52,7 @@ class Prediction:
     box: PositionBox
     fps: float
     rest_vertices: np.ndarray | None = None
+    contact_offset_m: float | None = None
 
     def metres(self) -> Tensor:
         """(T, S, H, W, 3) float32, decoded positions, canonical frame; background 0."""

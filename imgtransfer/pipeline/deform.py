@@ -57,6 +57,7 @@ def deform(
         maps=DecodedMaps(prediction.metres(), decode_normals(prediction.normals)),
         body=MovingSurface(prediction.frames.to_canonical(clip.body.vertices), clip.body.faces),
         rest=prediction.rest_vertices,
+        contact_offset_m=prediction.contact_offset_m,
     )
     result = fuse(prediction.imager, inputs, config, progress=progress)
     to_world = prediction.frames.to_world

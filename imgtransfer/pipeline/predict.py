@@ -164,6 +164,7 @@ def maps_of(prediction: Prediction) -> MapFile:
         translation=prediction.frames.translation,
         fps=prediction.fps,
         rest_vertices=prediction.rest_vertices,
+        contact_offset_m=prediction.contact_offset_m,
     )
 
 

@@ -22,6 +22,7 @@ from imgtransfer.training.head_state import empty_head
 from render import InputError, Mesh, Option, PositionBox
 from render.errors import said_by
 from render.files.atomic import check_regular, written_whole
+from render.limits import check_contact_offset
 from render.mesh.mesh import check_finite
 
 MODEL_FILE, STATE_FILE = "model.safetensors", "state.safetensors"
@@ -74,6 +75,7 @@ def save_model(path: str | Path, model: TransferModel, *, stored: str = "float32
         "box_lo": model.box.lo.tolist(),
         "box_hi": model.box.hi.tolist(),
         "mirrored_average": model.mirrored_average,
+        "contact_offset_m": model.contact_offset_m,
         "steps": steps,
     }
     if model.architecture is not None:
@@ -114,6 +116,7 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
         )  # models made before it was recorded have none
         if not isinstance(mirrored_average, bool):
             raise TypeError(f"mirrored_average is {mirrored_average!r}, and true or false is wanted")
+        offset = known_offset(header, path)
         general = header.get("general", False)  # the same
         if not isinstance(general, bool) or (general and network.body != "local"):
             raise TypeError(f"general is {general!r} with body: {network.body}")
@@ -137,7 +140,24 @@ def load_model(path: str | Path, *, device: str | torch.device = "cpu") -> Trans
     load_weights(model, tensors, path)
     share_trunks(model.position_net, model.normal_net)
     model.source, model.mirrored_average = str(path), mirrored_average
+    model.contact_offset_m = offset
     return model.eval().to(device)
+
+
+def known_offset(header: dict[str, Any], path: Path) -> float | None:
+    """How far off the skin cloth rests, as a file's header says; models made before it was recorded do not.
+
+    Raises:
+        TypeError: no number.
+        InputError: none that can be.
+    """
+    offset = header.get("contact_offset_m")
+    if offset is None:
+        return None
+    if isinstance(offset, bool) or not isinstance(offset, int | float):
+        raise TypeError(f"contact_offset_m is {offset!r}, and metres are wanted")
+    check_contact_offset(offset, str(path))
+    return float(offset)
 
 
 def _mesh(tensors: dict[str, Tensor], name: str, path: Path) -> Mesh:

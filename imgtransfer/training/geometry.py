@@ -81,6 +81,7 @@ def _measured(model: TransferModel, clip: Clip, lead: int) -> tuple[float, float
         maps=DecodedMaps(prediction.metres()[shown], decode_normals(prediction.normals[shown])),
         body=MovingSurface(roots.to_canonical(clip.body.vertices[shown]), clip.body.faces),
         rest=prediction.rest_vertices,
+        contact_offset_m=prediction.contact_offset_m,
     )
     fused = roots.to_world(fuse(prediction.imager, inputs).vertices)
     assert clip.garment is not None  # the training's frames see to it

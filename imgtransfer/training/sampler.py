@@ -12,6 +12,7 @@ from tqdm import tqdm
 from imgtransfer.data.cache import FrameCache
 from imgtransfer.data.canonical import RootFrames, RootMode, root_frames
 from imgtransfer.data.clip import Clip
+from imgtransfer.data.contact_offset import FRAMES, Worn, contact_offset
 from imgtransfer.data.reader import LoadedReader, Reader
 from imgtransfer.network.history import earlier_steps, vertical
 from imgtransfer.network.shapes import misfit, same_faces
@@ -227,6 +228,21 @@ class Frames:
             return Order(len(self), batch, seed)
         window = max(batch, int(self._cache_bytes / self._bytes_per_frame / 2))
         return Order(len(self), batch, seed, chunks=self._cache.lengths, window=window)
+
+    def contact_offset(self) -> float | None:
+        """How far off the skin the cloth rests (`imgtransfer.data.contact_offset`).
+
+        Raises:
+            InputError: damaged data.
+        """
+        chosen = self.spread(FRAMES)
+
+        def worn() -> Iterator[Worn]:
+            for number, places in self.by_outfit(chosen):
+                garment, body, _ = self.read(chosen[places])
+                yield garment.numpy(), body.numpy(), self.outfits[number][0].body.faces
+
+        return contact_offset(worn())
 
     def spread(self, count: int) -> Tensor:
         """Indices of at most `count` frames, evenly spread, int64."""

@@ -94,6 +94,7 @@ class Trainer:
             self._calibrate()
         self.processes.take_from_main(self.model.state_dict().values())
         self.model.mirrored_average = options.mirror
+        self.model.contact_offset_m = self.train_frames.contact_offset()
         self.frames_a_step = options.batch_frames * options.accumulate * self.processes.count
         self.order = self.train_frames.order(self.frames_a_step, options.seed)
         self.optimizer = build_optimizer(self.model, options)

@@ -145,7 +145,12 @@ class Worn:
     def _fused(self, prediction: Prediction, clip: Clip) -> np.ndarray:
         maps = DecodedMaps(prediction.metres(), decode_normals(prediction.normals))
         body = MovingSurface(prediction.frames.to_canonical(clip.body.vertices[-1:]), clip.body.faces)
-        inputs = FusionInputs(maps=maps, body=body, rest=prediction.rest_vertices)
+        inputs = FusionInputs(
+            maps=maps,
+            body=body,
+            rest=prediction.rest_vertices,
+            contact_offset_m=prediction.contact_offset_m,
+        )
         return fuse(prediction.imager, inputs).vertices
 
     def _clip(self, poses: np.ndarray) -> Clip:

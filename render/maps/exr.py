@@ -33,6 +33,8 @@ _OF_ALL = {
     "format": "format",
     "formatVersion": "format_version",
 }
+_OPTIONAL = {"contactOffset": "contact_offset_m"}  # as _OF_ALL, where it is known
+_TEXTS = ("fps", "contact_offset_m")  # numbers as text, to the last bit
 _OF_IMAGE = {
     "viewMatrix": "view_matrices",
     "projectionMatrix": "projection_matrices",
@@ -50,8 +52,8 @@ def written_folder(folder: Path, *, file_format: str, version: int) -> Iterator[
     """Yield what takes the frames of a folder with `template.obj` and one `FRAME.IMAGE.exr` for each frame and image.
 
     Channels are float32: position.X .Y .Z and normal.X .Y .Z as encoded, mask (0 or 1), depth (metres) and
-    confidence, those that there are. Box, camera and canonical frame stand in every header. Maps with `rest_vertices`
-    get these as `rest.obj`.
+    confidence, those that there are. Box, camera, canonical frame and, where it is known, the contact offset stand in
+    every header. Maps with `rest_vertices` get these as `rest.obj`.
 
     Args:
         folder: made, or replaced if it holds such files, when the block ends without an error.
@@ -78,6 +80,8 @@ def written_folder(folder: Path, *, file_format: str, version: int) -> Iterator[
                     _write_obj(temporary / REST, maps.rest_vertices, maps.template_faces)
             constant = {"boxLo": maps.box_lo, "boxHi": maps.box_hi, "fps": repr(maps.fps)}
             constant |= {"format": file_format, "formatVersion": version}
+            if maps.contact_offset_m is not None:
+                constant["contactOffset"] = repr(maps.contact_offset_m)
             for frame in range(maps.n_frames):
                 for image, camera in enumerate(maps.cameras):
                     header = constant | {
@@ -134,10 +138,14 @@ class ExrFolder:
         for other, _, channels in files:
             self._alike(other, channels)
         self.constant = {name: _attribute(path, header, key) for key, name in _OF_ALL.items()}
+        for key, name in _OPTIONAL.items():
+            if key in header:
+                self.constant[name] = _attribute(path, header, key)
         for key, name in _OF_IMAGE.items():
             self.constant[name] = np.stack([_attribute(*file[:2], key) for file in files])
-        with contextlib.suppress(ValueError):  # a text that is no number stays one, which readers refuse
-            self.constant["fps"] = np.asarray(float(self.constant["fps"]))
+        for name in self.constant.keys() & set(_TEXTS):
+            with contextlib.suppress(ValueError):  # a text that is no number stays one, which readers refuse
+                self.constant[name] = np.asarray(float(self.constant[name]))
         self.constant |= _meshes(folder)
         self.constant["mask"] = np.stack([channels["mask"] > 0.5 for _, _, channels in files])
         if "depth" in self._like:
@@ -181,8 +189,9 @@ class ExrFolder:
 def _check_agreement(headers: dict[tuple[int, int], tuple[Path, dict[str, Any]]]) -> None:
     """Raise InputError where the files of one image, of one frame, or all of them, do not say the same of it."""
     first = headers[0, 0]
+    of_all = (*_OF_ALL, *(key for key in _OPTIONAL if any(key in header for _, header in headers.values())))
     for (frame, image), (path, header) in headers.items():
-        for keys, other in ((_OF_ALL, first), (_OF_IMAGE, headers[0, image]), (_OF_FRAME, headers[frame, 0])):
+        for keys, other in ((of_all, first), (_OF_IMAGE, headers[0, image]), (_OF_FRAME, headers[frame, 0])):
             for key in keys:
                 if not np.array_equal(_attribute(path, header, key), _attribute(*other, key)):
                     raise InputError(f"{path}: '{key}' in its header is not that of {other[0].name}")

@@ -11,7 +11,7 @@ import numpy as np
 
 from render.cameras import Camera
 from render.errors import InputError
-from render.limits import FARTHEST, check_rate, check_rotations
+from render.limits import FARTHEST, check_contact_offset, check_rate, check_rotations
 from render.maps.encoding import PositionBox
 from render.maps.imager import TemplateImager
 from render.maps.layout import check_layout
@@ -23,7 +23,16 @@ HEAVIEST = 1e6  # of a pixel's confidence, where 1 is as usual
 # 4 are those with a layout, which a reader of 3 would take for the template's silhouette.
 READABLE_VERSIONS = ("1", "2", "3", "4")
 _OF_A_LAYOUT = ("layout_vertices", "layout_faces")
-OPTIONAL = {"position", "normal", "layers", "confidence", "depth", "rest_vertices", *_OF_A_LAYOUT}
+OPTIONAL = {
+    "position",
+    "normal",
+    "layers",
+    "confidence",
+    "depth",
+    "rest_vertices",
+    "contact_offset_m",
+    *_OF_A_LAYOUT,
+}
 BY_FRAME = ("position", "normal", "confidence", "rotation", "translation")
 
 
@@ -64,6 +73,7 @@ class MapFile:
             that is another shape than the template's; None if it is the template.
         layout_vertices: (U, 3) float64, metres, and layout_faces: (F, 3) int64: the template laid out flat, where
             the cameras look at that and not at the template; both None otherwise.
+        contact_offset_m: metres off the skin at which the cloth rests where it touches; None if unknown.
 
     Raises:
         InputError: a shape that does not fit the others, values that are not finite or cannot be meant
@@ -89,6 +99,7 @@ class MapFile:
     rest_vertices: np.ndarray | None = None
     layout_vertices: np.ndarray | None = None
     layout_faces: np.ndarray | None = None
+    contact_offset_m: float | None = None
 
     def __post_init__(self) -> None:
         maps = self.position if self.position is not None else self.normal
@@ -121,6 +132,8 @@ class MapFile:
                 f"mask {np.shape(self.mask)}"
             )
         check_rate(self.fps, "maps")
+        if self.contact_offset_m is not None:
+            check_contact_offset(self.contact_offset_m, "maps")
         for name, (shape, dtype) in expected.items():
             if getattr(self, name) is not None:
                 given = np.asarray(getattr(self, name))
@@ -178,6 +191,7 @@ class MapFile:
         fps: float,
         confidence: np.ndarray | None = None,
         rest_vertices: np.ndarray | None = None,
+        contact_offset_m: float | None = None,
     ) -> MapFile:
         """Maps made with (or predicted for) an imager's template and cameras."""
         return cls(
@@ -200,6 +214,7 @@ class MapFile:
             rest_vertices=rest_vertices,
             layout_vertices=None if imager.layout is None else imager.layout.vertices,
             layout_faces=None if imager.layout is None else imager.layout.faces,
+            contact_offset_m=contact_offset_m,
         )
 
     @property

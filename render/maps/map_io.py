@@ -134,12 +134,14 @@ def _checked(path: Path, source: _Source) -> dict[str, Any]:
     absent = {field.name for field in fields(MapFile)} - OPTIONAL - set(arrays) - set(source.shapes)
     if absent:
         raise InputError(f"{path}: {', '.join(sorted(absent))} missing from the map file")
-    views, fps = arrays["views"], arrays["fps"]
-    if views.ndim != 1 or fps.size != 1 or fps.dtype.kind not in "fiu":
-        raise InputError(
-            f"{path}: views must be names (S,) and fps one number; found {views.shape} and {fps.dtype} {fps.shape}"
-        )
-    return arrays | {"views": tuple(views.tolist()), "fps": fps.item()}
+    views = arrays["views"]
+    if views.ndim != 1:
+        raise InputError(f"{path}: views must be names (S,); found {views.shape}")
+    numbers = {name: arrays[name] for name in ("fps", "contact_offset_m") if name in arrays}
+    for name, value in numbers.items():
+        if value.size != 1 or value.dtype.kind not in "fiu":
+            raise InputError(f"{path}: {name} must be one number; found {value.dtype} {value.shape}")
+    return arrays | {"views": tuple(views.tolist())} | {name: its.item() for name, its in numbers.items()}
 
 
 @contextmanager

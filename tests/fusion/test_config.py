@@ -13,7 +13,14 @@ def test_defaults_are_the_paper_s():
     assert (config.learning_rate_m, config.edge_steps, config.normal_steps) == (1e-3, 100, 100)
     assert (config.weight_displacement, config.weight_edge, config.weight_collision) == (0.02, 100, 100)
     assert config.weight_consistency == 0.001
-    assert config.collision_margin_m == 0
+    assert config.on_skin(None).collision_margin_m == 0
+
+
+def test_the_margin_is_what_is_known_of_the_cloth_unless_it_is_said():
+    assert FusionConfig().on_skin(0.004).collision_margin_m == FusionConfig().on_skin(0.004).margin_m == 0.004
+    assert FusionConfig(collision_margin_m=0.0).on_skin(0.004).collision_margin_m == 0
+    assert FusionConfig(weight_edge=3).on_skin(0.004) == FusionConfig(weight_edge=3, collision_margin_m=0.004)
+    assert FusionConfig().margin_m == 0
 
 
 def test_it_is_frozen_and_every_field_is_described():

@@ -164,3 +164,28 @@ def test_frames_are_fused_each_with_its_own(maps):
     np.testing.assert_allclose(fuse_maps(swapped, config=FEW).vertices, want[::-1], atol=1e-6)
     alone = fuse_maps(maps.part(slice(1, 2)), config=FEW).vertices
     np.testing.assert_allclose(alone[0], want[1], atol=1e-6)
+
+
+def test_the_file_s_contact_offset_is_the_margin_unless_another_is_said(maps):
+    """The square hovers 0.1 m above a floor that its margin reaches, 3 cm of it."""
+    floor = np.array([[-9, 0, -9], [-9, 0, 9], [9, 0, 9], [9, 0, -9], [0, -9, 0]], np.float64)
+    faces = np.array([[0, 1, 2], [0, 2, 3], [1, 0, 4], [2, 1, 4], [3, 2, 4], [0, 3, 4]])
+    lowest = float(TRUTH[..., 1].min())
+    raised = np.repeat((floor + np.array([0, lowest - 0.001, 0]))[None], 2, axis=0)
+    inputs = FusionInputs(body=MovingSurface(raised, faces))
+    known = replace(maps, contact_offset_m=0.03)
+
+    def margin(maps, inputs=inputs, config=FEW):
+        result = fuse_maps(maps, inputs, config)
+        height = result.vertices[..., 1].min() - (lowest - 0.001)
+        return result.report["collision_margin_m"], height, result.vertices
+
+    assert margin(maps)[0] == 0
+    said, height, vertices = margin(known)
+    assert (said, height) == (0.03, pytest.approx(0.03, abs=2e-4))
+    same = margin(maps, config=FEW.model_copy(update={"collision_margin_m": 0.03}))[2]
+    np.testing.assert_array_equal(vertices, same)
+    assert margin(known, config=FEW.model_copy(update={"collision_margin_m": 0.0}))[0] == 0
+    assert margin(known, inputs=replace(inputs, contact_offset_m=0.01))[0] == 0.01
+    with pytest.raises(InputError, match=r"fuse: contact_offset_m is 0\.5"):
+        margin(maps, inputs=replace(inputs, contact_offset_m=0.5))

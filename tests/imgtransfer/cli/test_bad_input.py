@@ -284,7 +284,7 @@ MAPS: dict[str, tuple[Callable[[dict[str, np.ndarray]], dict[str, object]], str]
     "a template without faces": (lambda _: {"template_faces": np.zeros((0, 3), int)}, "no faces"),
     "a box inside out": (lambda m: {"box_lo": m["box_hi"], "box_hi": m["box_lo"]}, "box"),
     "rotations that are none": (lambda m: {"rotation": 2 * m["rotation"]}, "rotation matrices"),
-    "a frame rate in words": (lambda _: {"fps": np.array("fast")}, "fps one number"),
+    "a frame rate in words": (lambda _: {"fps": np.array("fast")}, "fps must be one number"),
     "another version": (lambda _: {"format_version": np.array(9)}, "version 9"),
     "no mask": (lambda _: {"mask": None}, "mask missing"),
     "a clip": (lambda _: {"format": None}, "format 'imgtransfer-maps' version 1, 2, 3 or 4 expected"),

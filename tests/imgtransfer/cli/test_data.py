@@ -17,6 +17,7 @@ from imgtransfer.cli.main import main
 from imgtransfer.data.clip import Clip, load_clip, save_clip
 from imgtransfer.data.store import DataSet
 from imgtransfer.evaluation.metrics import METRICS
+from render import load_maps, save_maps
 from tests.helpers.clips import assert_same_clip
 
 
@@ -244,7 +245,13 @@ def test_inspect_summarises_data_sets_clips_and_maps(
     assert "1 clips, 6 frames" in capsys.readouterr().out
     assert main(["render", f"{tmp_path}/in/tube_bend.npz", "--out", f"{tmp_path}/m", "--size", "32"]) == 0
     assert main(["inspect", f"{tmp_path}/m/tube_bend/garment.npz"]) == 0
-    assert "32 x 32 pixels" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "32 x 32 pixels" in text
+    assert "off the skin" not in text  # nobody knows
+    maps = load_maps(tmp_path / "m" / "tube_bend" / "garment.npz")
+    save_maps(tmp_path / "known.npz", replace(maps, contact_offset_m=0.0043))
+    assert main(["inspect", f"{tmp_path}/known.npz"]) == 0
+    assert "cloth rests 4.3 mm off the skin" in capsys.readouterr().out
 
 
 def test_inspect_counts_the_numbers_of_a_checkpoint(

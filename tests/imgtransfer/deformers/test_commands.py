@@ -14,6 +14,7 @@ from imgtransfer.data.clip import load_clip, save_clip
 from imgtransfer.deformers import load_deformer
 from imgtransfer.deformers.image_transfer import ImageTransfer
 from imgtransfer.training import fingerprint
+from render import load_maps
 from tests.helpers.clips import with_arrays
 from tests.helpers.synthetic import tube_clip
 from tests.helpers.training import SMALL
@@ -69,6 +70,18 @@ def test_with_the_fusion_both_results_stay(folder: Path, capsys: pytest.CaptureF
     capsys.readouterr()
     assert main(["predict", "run", "clips/two.npz", "--out", "p", "--fuse"]) == 0
     assert "predicted by this model already" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("girth", [0.3, 1.0])
+def test_the_fusion_keeps_the_cloth_where_that_of_the_clips_rests(folder: Path, girth: float) -> None:
+    """12 mm off the skin, which a method is fitted to; or 40 mm, which says nothing."""
+    save_clip("clips/one.npz", tube_clip(6, girth=girth))
+    assert main(["train", "lbs.yaml", "--out", "run"]) == 0
+    assert main(["predict", "run", "clips/one.npz", "--out", "p", "--fuse"]) == 0
+    known = load_deformer("run").contact_offset_m
+    assert known == (pytest.approx(0.012, abs=0.001) if girth < 1 else None)
+    assert load_maps("p/one/maps.npz").contact_offset_m == known
+    assert json.loads(Path("p/one/fusion.json").read_text())["collision_margin_m"] == (known or 0)
 
 
 def test_a_run_goes_on_only_as_it_was(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -62,6 +62,9 @@ HEADERS: dict[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], str]] = {
     "a box in words": (lambda _: {"box_lo": ["a", "b", "c"]}, "not a model that this version can read"),
     "a box of mappings": (lambda _: {"box_lo": {"x": 1}}, "not a model that this version can read"),
     "a box that is not finite": (lambda _: {"box_hi": [float("inf")] * 3}, "not a model that this version can"),
+    "cloth that rests nowhere": (lambda _: {"contact_offset_m": 0.3}, "contact_offset_m is 0.3; metres"),
+    "an offset in words": (lambda _: {"contact_offset_m": "thin"}, "contact_offset_m is 'thin'"),
+    "an offset that is a truth": (lambda _: {"contact_offset_m": True}, "contact_offset_m is True"),
     "a version that is none": (lambda _: {"format_version": [2]}, "version \\[2\\]"),
     "another format": (lambda _: {"format": "imgtransfer-training-state"}, "imgtransfer-model version 1 or 2 wanted"),
 }  # fmt: skip

@@ -103,6 +103,38 @@ def test_a_rest_shape_with_other_faces_is_refused(maps, tmp_path):
         load_maps(tmp_path / "walk")
 
 
+@pytest.mark.parametrize("name", ["walk.npz", "walk"], ids=["npz", "exr"])
+def test_the_contact_offset_is_kept_to_the_last_bit(maps, tmp_path, name):
+    known = dataclasses.replace(maps, contact_offset_m=0.1 / 30)
+    save_maps(tmp_path / name, known)
+    assert load_maps(tmp_path / name).contact_offset_m == 0.1 / 30
+    save_maps(tmp_path / name, maps)  # in place of the other
+    assert load_maps(tmp_path / name).contact_offset_m is None
+
+
+@pytest.mark.parametrize("metres", [-0.001, 0.05, np.nan, np.inf])
+def test_cloth_that_cannot_rest_so_far_off_the_skin_is_refused(maps, metres):
+    with pytest.raises(InputError, match=r"contact_offset_m is .*; metres .* from 0 to below 0\.05"):
+        dataclasses.replace(maps, contact_offset_m=metres)
+
+
+def test_a_contact_offset_that_is_no_number_is_refused(maps, tmp_path):
+    save_maps(tmp_path / "walk.npz", maps)
+    for value in (np.ones(3), np.array("thin")):
+        np.savez(tmp_path / "odd.npz", **(dict(np.load(tmp_path / "walk.npz")) | {"contact_offset_m": value}))
+        with pytest.raises(InputError, match=r"odd\.npz: contact_offset_m must be one number; found"):
+            load_maps(tmp_path / "odd.npz")
+
+
+def test_images_of_one_folder_with_other_contact_offsets_are_refused(maps, tmp_path):
+    save_maps(tmp_path / "thin", dataclasses.replace(maps, contact_offset_m=0.004))
+    for name, known in (("none", None), ("thick", 0.005)):
+        save_maps(tmp_path / name, dataclasses.replace(maps, contact_offset_m=known))
+        (tmp_path / "thin" / "00001.2.exr").write_bytes((tmp_path / name / "00001.2.exr").read_bytes())
+        with pytest.raises(InputError, match=r"00001\.2\.exr: .*'contactOffset'"):
+            load_maps(tmp_path / "thin")
+
+
 def test_the_imager_can_be_made_again(maps, tmp_path):
     save_maps(tmp_path / "walk.npz", maps)
     read = load_maps(tmp_path / "walk.npz")
@@ -332,7 +364,7 @@ def widen(path, length):
         (lambda f: set_header(f / "00000.0.exr", boxLo="low"), "'boxLo' .* must have shape"),
         (lambda f: set_header(f / "00000.0.exr", frame=-1), "'frame' in its header must be a whole number"),
         (lambda f: set_header(f / "00000.0.exr", frame=999_999), "frame 0, image 0 is missing"),
-        (lambda f: [set_header(file, fps="fast") for file in f.glob("*.exr")], "fps one number"),
+        (lambda f: [set_header(file, fps="fast") for file in f.glob("*.exr")], "fps must be one number"),
         (lambda f: [set_header(file, fps="inf") for file in f.glob("*.exr")], "fps is inf"),
         (
             lambda f: [path.unlink() for path in [f / "00000.1.exr"]] and os.mkfifo(f / "00000.1.exr"),
