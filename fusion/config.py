@@ -115,9 +115,9 @@ class FusionConfig(BaseModel):
         default=None,
         ge=0,
         lt=0.05,
-        description="Metres of clearance below which a vertex counts as inside in the second stage. null takes what "
-        "the maps say of how cloth rests on skin (their contact offset, which a trained model knows), and 0, the "
-        "paper's, where they say nothing.",
+        description="Metres of clearance below which a vertex counts as inside in the second stage. null is 0, the "
+        "paper's; of `local_global` what the maps say of how far off the skin cloth rests (their contact offset, which "
+        "a trained model knows), where they do.",
     )
     sdf_band_m: _Metres = Field(
         default=0.05,
@@ -158,10 +158,14 @@ class FusionConfig(BaseModel):
     )
 
     def on_skin(self, contact_offset_m: float | None) -> FusionConfig:
-        """With a number for `collision_margin_m`: its own, or else how far off the skin the cloth is known to rest."""
+        """With a number for `collision_margin_m`: its own, or else how far off the skin the cloth is known to rest.
+
+        Not for the paper's schedule, whose collision term lifts vertices one by one and ends farther from the truth.
+        """
         if self.collision_margin_m is not None:
             return self
-        return self.model_copy(update={"collision_margin_m": contact_offset_m or 0.0})
+        known = contact_offset_m if self.solver == "local_global" else None
+        return self.model_copy(update={"collision_margin_m": known or 0.0})
 
     @property
     def margin_m(self) -> float:

@@ -65,6 +65,9 @@ class Scene:
     normals: torch.Tensor
     body: Mesh
     bodies: np.ndarray  # (T, B, 3)
+    contact_offset_m: float | None = (
+        None  # where the cloth rests, as a model that predicted the maps knows it
+    )
 
     def repeated(self, frames: int) -> Scene:
         """So many frames, the same ones again and again."""
@@ -77,6 +80,7 @@ class Scene:
         inputs = FusionInputs(
             maps=DecodedMaps(self.positions[:frames], self.normals[:frames]),
             body=MovingSurface(self.bodies[:frames], self.body.faces),
+            contact_offset_m=self.contact_offset_m,
         )
         return fuse(self.imager, inputs, config, device=device)
 

@@ -68,7 +68,11 @@ def predicted_scene(name: str, step: int, frames: slice) -> Scene:
     chosen = np.arange(clip.n_frames)[::step][frames]
     normals = torch.where(prediction.imager.mask[..., None], 2 * prediction.normals - 1, 0)
     return replace(
-        true, imager=prediction.imager, positions=prediction.metres()[chosen], normals=normals[chosen]
+        true,
+        imager=prediction.imager,
+        positions=prediction.metres()[chosen],
+        normals=normals[chosen],
+        contact_offset_m=prediction.contact_offset_m,
     )
 
 

@@ -19,6 +19,8 @@ def test_defaults_are_the_paper_s():
 def test_the_margin_is_what_is_known_of_the_cloth_unless_it_is_said():
     assert FusionConfig().on_skin(0.004).collision_margin_m == FusionConfig().on_skin(0.004).margin_m == 0.004
     assert FusionConfig(collision_margin_m=0.0).on_skin(0.004).collision_margin_m == 0
+    assert FusionConfig(solver="adam").on_skin(0.004).collision_margin_m == 0  # the paper's
+    assert FusionConfig(solver="adam", collision_margin_m=0.002).on_skin(0.004).collision_margin_m == 0.002
     assert FusionConfig(weight_edge=3).on_skin(0.004) == FusionConfig(weight_edge=3, collision_margin_m=0.004)
     assert FusionConfig().margin_m == 0
 
