@@ -9,6 +9,7 @@ import torch
 
 from fusion.obstacles.sdf import BodySdf
 from imgtransfer.data.clip import Clip
+from render import InputError
 
 FRAMES = 64  # of all clips together that are looked at, evenly spread
 # Percent of a frame's vertices nearest to the skin: these rest on it, in garments of four kinds by two simulators, and
@@ -24,12 +25,15 @@ def contact_offset(worn: Iterable[Worn]) -> float | None:
     """Metres off the skin at which cloth rests where it touches.
 
     The distance that a twentieth of a frame's vertices are below, and of these the median over all frames; 0 where the
-    cloth lies in the body, None where it comes no nearer than 2 cm.
+    cloth lies in the body, None where it comes no nearer than 2 cm. Bodies turned inside out do not count.
     """
     nearest: list[float] = []
     for garment, body, faces in worn:
         sdf = BodySdf(faces, body.shape[1])
-        sdf.update(body)
+        try:
+            sdf.update(body)
+        except InputError:  # turned inside out: it tells nothing, and whoever needs its distances refuses it
+            continue
         points = torch.from_numpy(np.ascontiguousarray(garment, np.float32))
         distances = sdf.query(points).distance.numpy().astype(np.float64)
         nearest.extend(np.percentile(distances, _NEAREST, axis=1))

@@ -52,6 +52,12 @@ def test_cloth_that_comes_nowhere_near_says_nothing_and_cloth_in_the_body_rests_
     assert of(above(*[-0.01] * 21)) == 0
 
 
+def test_a_body_turned_inside_out_does_not_count() -> None:
+    worn = above(*[0.005] * 21)[None], np.asarray(BOX.vertices)[None]
+    assert contact_offset([(*worn, FACES[:, ::-1])]) is None
+    assert contact_offset([(*worn, FACES[:, ::-1]), (*worn, FACES)]) == pytest.approx(0.005, abs=1e-6)
+
+
 def test_of_clips_it_is_that_of_their_frames() -> None:
     clip = tube_clip(girth=0.3)  # 12 mm off the body, and 15 at the ripple's crests
     garment = clip.garment
