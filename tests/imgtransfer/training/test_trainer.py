@@ -13,15 +13,12 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from fusion import FusionConfig
 from imgtransfer.cli.main import main
 from imgtransfer.config.loader import load_config, parse_config, to_yaml
-from imgtransfer.data.clip import Clip, save_clip
-from imgtransfer.data.contact_offset import of_clips
+from imgtransfer.data.clip import Clip
 from imgtransfer.network import TransferModel, masked_l1
 from imgtransfer.network.encoder_config import HubEncoderConfig
 from imgtransfer.network.maps import metric_maps
-from imgtransfer.pipeline.deform import deform
 from imgtransfer.training.checkpoint import load_model, save_model
 from imgtransfer.training.config import RunConfig
 from imgtransfer.training.loop import train
@@ -31,7 +28,6 @@ from imgtransfer.training.sampler import Frames
 from imgtransfer.training.trainer import Trainer
 from render import InputError
 from tests.helpers.paths import ROOT
-from tests.helpers.synthetic import tube_clip as made_tube_clip
 from tests.helpers.training import small_config
 
 CONFIGS = ROOT / "configs"
@@ -402,21 +398,3 @@ def test_only_models_that_saw_mirrored_frames_average_with_them(source: Path, tm
         model = Trainer(small_config(source, mirror=mirror)).model
         save_model(tmp_path / "model.safetensors", model)
         assert load_model(tmp_path).mirrored_average == mirror
-
-
-def test_a_model_knows_how_far_off_the_skin_its_clips_cloth_rests(source: Path, tmp_path: Path) -> None:
-    clip = made_tube_clip(girth=0.3)
-    for name in ("first", "second_test"):
-        save_clip(tmp_path / "clips" / f"{name}.npz", clip)
-    model = Trainer(small_config(tmp_path / "clips")).model
-    assert model.contact_offset_m == pytest.approx(of_clips([clip]), abs=1e-6)
-    assert Trainer(small_config(source)).model.contact_offset_m is None  # 4 cm off: it rests on nothing
-    save_model(tmp_path / "model.safetensors", model)
-    loaded = load_model(tmp_path)
-    assert loaded.contact_offset_m == model.contact_offset_m
-    assert loaded.predict(clip).contact_offset_m == model.contact_offset_m
-    fewest = FusionConfig(edge_iterations=1, normal_iterations=1)
-    report = deform(loaded, clip, fewest).report
-    assert report["collision_margin_m"] == model.contact_offset_m
-    loaded.contact_offset_m = None
-    assert deform(loaded, clip, fewest).report["collision_margin_m"] == 0
