@@ -129,8 +129,9 @@ class FusionResult:
     Args:
         vertices: (T, N, 3) float32, metres.
         initial: (T, N, 3) float32, metres, before any optimisation.
-        report: plain numbers by name, means over frames: `solver`; `terms` at the start and end of each stage
-            (unweighted, lengths in metres) and `total`, their weighted sum; `iterations` by stage;
+        report: plain numbers by name, means over frames: `solver`; `collision_margin_m`, as it was used;
+            `terms` at the start and end of each stage (unweighted, lengths in metres) and `total`, their weighted sum;
+            `iterations` by stage;
             `unseen_percent` of the vertices, `penetration_percent` before and after the clean-up (where there is a
             body or a garment beneath), `crossing_percent` (with a body) before and after it, `self_crossing_percent`,
             both of every fourth frame; `seconds`, `seconds_per_frame`, `stage_seconds` (of all frames and threads

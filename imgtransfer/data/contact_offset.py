@@ -7,11 +7,11 @@ from collections.abc import Iterable
 import numpy as np
 import torch
 
-from fusion.obstacles.sdf import BodySdf
+from fusion import BodySdf
 from imgtransfer.data.clip import Clip
 from render import InputError
 
-FRAMES = 64  # of all clips together that are looked at, evenly spread
+FRAMES = 64  # of all clips together that are looked at, about, evenly spread
 # Percent of a frame's vertices nearest to the skin: these rest on it, in garments of four kinds by two simulators, and
 # single ones that are squeezed between two limbs do not count.
 _NEAREST = 5.0

@@ -33,7 +33,9 @@ TYPICAL_FRAMES = 128  # that principal directions and images are found from
 AXES, POSITION_IMAGES, NORMAL_IMAGES = 64, 16, 8  # more do not lower the error of left-out clips
 # Of the kernel's length that the few samples of the choice bear, where all are fitted: chosen by leaving clips out.
 SHORTER = 0.5
-READ_AXES = 64  # of what networks make of frames, where that is read; half as many err by half a percent more
+READ_AXES = (
+    64  # of what networks make of frames, where that is read; half as many err by a third of a percent more
+)
 GROUPS = 5  # of clips, each left out once
 _BATCH = 16
 _STEPS_BACK = 4

@@ -65,9 +65,7 @@ class Scene:
     normals: torch.Tensor
     body: Mesh
     bodies: np.ndarray  # (T, B, 3)
-    contact_offset_m: float | None = (
-        None  # where the cloth rests, as a model that predicted the maps knows it
-    )
+    contact_offset_m: float | None = None  # as a model that predicted the maps knows it
 
     def repeated(self, frames: int) -> Scene:
         """So many frames, the same ones again and again."""

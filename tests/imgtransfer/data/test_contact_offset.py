@@ -16,8 +16,8 @@ FACES = np.asarray(BOX.faces)
 
 
 def above(*metres: float) -> np.ndarray:
-    """(N, 3): points over the box's upper side, so far off."""
-    return np.array([[0.1 * number, 1 + height, 0.2] for number, height in enumerate(metres)])
+    """(N, 3), N up to 25: points over the box's upper side, so far off."""
+    return np.array([[0.04 * number, 1 + height, 0.2] for number, height in enumerate(metres)])
 
 
 def of(*frames: np.ndarray) -> float | None:
